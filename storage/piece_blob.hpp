@@ -1,0 +1,19 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+#include "core/format/bytes.hpp"
+#include "core/result.hpp"
+#include "core/virtual_node.hpp"
+
+namespace tind {
+
+/// Records of docs/format.md 3-5 (not yet packed into values). encode_* cannot fail; decode_* are safe for untrusted
+/// bytes, check every count before taking memory and fail with kCorrupt. All are pure and thread safe.
+Bytes encode_corner(const Corner& corner);
+Bytes encode_edge(const EdgeChain& edge);
+Bytes encode_body(const TileBody& body);
+Result<Corner> decode_corner(ByteView record);
+Result<EdgeChain> decode_edge(ByteView record);
+Result<TileBody> decode_body(ByteView record);
+
+}  // namespace tind

@@ -1,0 +1,74 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <string>
+
+#include "core/format/bytes.hpp"
+#include "core/piece_key.hpp"
+#include "core/result.hpp"
+
+namespace tind {
+
+/// Reads one `.tind` file (docs/format.md 2) through LMDB's memory map.
+/// The store is thread safe; a Snapshot belongs to one thread at a time.
+class TileStore {
+ public:
+  /// A read transaction. Views it hands out stay valid until it is destroyed or renewed. Movable, cheap to renew.
+  class Snapshot {
+   public:
+    Snapshot(Snapshot&&) noexcept;
+    Snapshot& operator=(Snapshot&&) noexcept;
+    ~Snapshot();
+    /// The stored value (a record or a zstd frame) of a piece. `key` need not be canonical. nullopt: not stored.
+    std::optional<ByteView> find(const PieceKey& key) const;
+    /// The stored value of the manifest. nullopt: the file has none.
+    std::optional<ByteView> find_manifest() const;
+
+   private:
+    friend class TileStore;
+    struct Impl;
+    explicit Snapshot(std::unique_ptr<Impl> impl);
+    std::unique_ptr<Impl> impl_;
+  };
+
+  /// Opens read-only. Fails with kNotFound, kIo, or kCorrupt (not an LMDB file; no manifest).
+  static Result<TileStore> open(const std::string& path);
+  TileStore(TileStore&&) noexcept;
+  TileStore& operator=(TileStore&&) noexcept;
+  ~TileStore();
+
+  /// Starts a read transaction.
+  Result<Snapshot> snapshot() const;
+
+ private:
+  struct Impl;
+  explicit TileStore(std::unique_ptr<Impl> impl);
+  std::unique_ptr<Impl> impl_;
+};
+
+/// Writes a new `.tind` file. One thread. Keys must come in storage order, the manifest last.
+class TileStoreWriter {
+ public:
+  /// Creates `path`, which must not exist. `map_bytes`: upper bound of the file's size (address space, not disk).
+  static Result<TileStoreWriter> create(const std::string& path);
+  TileStoreWriter(TileStoreWriter&&) noexcept;
+  TileStoreWriter& operator=(TileStoreWriter&&) noexcept;
+  /// Without finish() the file is left as it is, unfinished; the caller removes it.
+  ~TileStoreWriter();
+
+  /// Appends one piece. `value`: what pack_value made. kIo on a full disk.
+  Result<void> append(const PieceKey& key, ByteView value);
+  /// A stored value of this writer, committed or not. The view is valid until the next append.
+  std::optional<ByteView> find(const PieceKey& key) const;
+  /// Writes the manifest, commits, syncs to disk and closes.
+  Result<void> finish(ByteView manifest_value);
+
+ private:
+  struct Impl;
+  explicit TileStoreWriter(std::unique_ptr<Impl> impl);
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace tind
