@@ -1,0 +1,191 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "storage/piece_blob.hpp"
+
+#include <limits>
+#include <string>
+
+#include "core/format/vn.hpp"
+
+namespace tind {
+namespace {
+
+constexpr std::uint8_t kCornerTag = 'C';
+constexpr std::uint8_t kEdgeTag = 'E';
+constexpr std::uint8_t kBodyTag = 'B';
+
+tl::unexpected<Error> corrupt(const char* what) {
+  return fail(ErrorKind::kCorrupt, std::string("broken ") + what + " record");
+}
+
+// Adds a delta from untrusted bytes; fails the reader instead of overflowing.
+std::int64_t add_delta(ByteReader& in, std::int64_t value, std::int64_t delta) {
+  std::int64_t sum = 0;
+  if (__builtin_add_overflow(value, delta, &sum)) in.set_failed();
+  return sum;
+}
+
+std::int32_t to_height(ByteReader& in, std::int64_t value) {
+  if (value < std::numeric_limits<std::int32_t>::min() || value > std::numeric_limits<std::int32_t>::max()) {
+    in.set_failed();
+    return 0;
+  }
+  return static_cast<std::int32_t>(value);
+}
+
+std::uint32_t to_u32(ByteReader& in, std::uint64_t value) {
+  if (value > std::numeric_limits<std::uint32_t>::max()) in.set_failed();
+  return static_cast<std::uint32_t>(value);
+}
+
+}  // namespace
+
+Bytes encode_corner(const Corner& corner) {
+  ByteWriter out;
+  out.fixed(kCornerTag);
+  out.svarint(corner.z);
+  return out.take();
+}
+
+Result<Corner> decode_corner(ByteView record) {
+  ByteReader in(record);
+  if (in.fixed<std::uint8_t>() != kCornerTag) return corrupt("corner");
+  Corner corner;
+  corner.z = to_height(in, in.svarint());
+  if (!in.finished()) return corrupt("corner");
+  return corner;
+}
+
+Bytes encode_edge(const EdgeChain& edge) {
+  ByteWriter out;
+  out.fixed(kEdgeTag);
+  out.uvarint(edge.inner.size());
+  out.fixed(edge.start_entry);
+  out.fixed(edge.end_entry);
+  for (const EdgeVertex& v : edge.inner) out.fixed(v.entry);
+  std::int64_t t = 0, z = 0;
+  for (const EdgeVertex& v : edge.inner) {
+    out.uvarint(static_cast<std::uint64_t>(v.t - t));
+    t = v.t;
+  }
+  for (const EdgeVertex& v : edge.inner) {
+    out.svarint(v.z - z);
+    z = v.z;
+  }
+  return out.take();
+}
+
+Result<EdgeChain> decode_edge(ByteView record) {
+  ByteReader in(record);
+  if (in.fixed<std::uint8_t>() != kEdgeTag) return corrupt("edge");
+  EdgeChain edge;
+  const std::uint64_t n = in.count(3);
+  edge.start_entry = in.fixed<std::uint8_t>();
+  edge.end_entry = in.fixed<std::uint8_t>();
+  edge.inner.resize(in.ok() ? n : 0);
+  for (EdgeVertex& v : edge.inner) v.entry = in.fixed<std::uint8_t>();
+  std::int64_t t = 0, z = 0;
+  for (EdgeVertex& v : edge.inner) {
+    const std::uint64_t step = in.uvarint();
+    if (step == 0 || step > (std::uint64_t{1} << 62)) in.set_failed();
+    v.t = t = add_delta(in, t, static_cast<std::int64_t>(step));
+    if (!in.ok()) return corrupt("edge");
+  }
+  for (EdgeVertex& v : edge.inner) {
+    z = add_delta(in, z, in.svarint());
+    v.z = to_height(in, z);
+  }
+  if (!in.finished()) return corrupt("edge");
+  return edge;
+}
+
+Bytes encode_body(const TileBody& body) {
+  ByteWriter out;
+  out.fixed(kBodyTag);
+  out.fixed(static_cast<std::uint8_t>(body.stats.coverage));
+  out.svarint(body.stats.min_z);
+  out.svarint(body.stats.max_z);
+  out.uvarint(body.stats.n_posts);
+  out.fixed(body.stats.max_error_m);
+  out.fixed(body.stats.rmse_m);
+  for (const std::uint32_t n : body.n_side) out.uvarint(n);
+  out.uvarint(body.interior.size());
+  out.uvarint(body.triangles.size());
+  out.fixed(body.n_gaps);
+  out.uvarint(body.virtual_triangles.size());
+  const auto column = [&](auto member) {
+    std::int64_t previous = 0;
+    for (const LocalVertex& v : body.interior) {
+      const std::int64_t value = v.*member;
+      out.svarint(value - previous);
+      previous = value;
+    }
+  };
+  column(&LocalVertex::x);
+  column(&LocalVertex::y);
+  column(&LocalVertex::z);
+  write_triangles(out, body.triangles);
+  write_virtual_triangles(out, body.virtual_triangles);
+  return out.take();
+}
+
+Result<TileBody> decode_body(ByteView record) {
+  ByteReader in(record);
+  if (in.fixed<std::uint8_t>() != kBodyTag) return corrupt("body");
+  TileBody body;
+  const auto coverage = in.fixed<std::uint8_t>();
+  if (coverage > static_cast<std::uint8_t>(TileCoverage::kReal)) return corrupt("body");
+  body.stats.coverage = static_cast<TileCoverage>(coverage);
+  body.stats.min_z = to_height(in, in.svarint());
+  body.stats.max_z = to_height(in, in.svarint());
+  body.stats.n_posts = in.uvarint();
+  body.stats.max_error_m = in.fixed<float>();
+  body.stats.rmse_m = in.fixed<float>();
+  for (std::uint32_t& n : body.n_side) n = to_u32(in, in.uvarint());
+  const std::uint64_t n_interior = in.count(3), n_triangles = in.count(3);
+  body.n_gaps = in.fixed<std::uint8_t>();
+  const std::uint64_t n_vts = in.count(3);
+  if (!in.ok() || body.n_gaps > kMaxLevel || n_interior > in.remaining() / 3 ||
+      n_triangles > (in.remaining() - 3 * n_interior) / 3) {
+    return corrupt("body");
+  }
+  body.interior.resize(n_interior);
+  std::int64_t previous = 0;
+  for (LocalVertex& v : body.interior) v.x = previous = add_delta(in, previous, in.svarint());
+  previous = 0;
+  for (LocalVertex& v : body.interior) v.y = previous = add_delta(in, previous, in.svarint());
+  previous = 0;
+  for (LocalVertex& v : body.interior) {
+    previous = add_delta(in, previous, in.svarint());
+    v.z = to_height(in, previous);
+  }
+  if (!in.ok()) return corrupt("body");
+  body.triangles.resize(n_triangles);
+  previous = 0;
+  for (Triangle& t : body.triangles) {
+    for (std::uint32_t& index : t) {
+      previous = add_delta(in, previous, in.svarint());
+      if (previous < 0) in.set_failed();
+      index = to_u32(in, static_cast<std::uint64_t>(previous));
+      if (!in.ok()) return corrupt("body");
+    }
+  }
+  // At most two border edges a triangle, so what is reserved stays in proportion to the bytes.
+  if (n_vts > n_triangles) return corrupt("body");
+  body.virtual_triangles.reserve(n_vts);
+  for (std::uint64_t i = 0; i < n_vts; ++i) {
+    VirtualTriangle vt;
+    vt.triangle = to_u32(in, in.uvarint());
+    const auto shape = in.fixed<std::uint8_t>();
+    vt.n_edges = shape & 3;
+    vt.border = (shape >> 2) & 3;
+    vt.interval = to_u32(in, in.uvarint());
+    if (!in.ok() || vt.n_edges < 1 || vt.n_edges > 2 || (shape >> 4) != 0) return corrupt("body");
+    vt.runs.resize(std::size_t{vt.n_edges} * body.n_gaps);
+    for (std::uint32_t& run : vt.runs) run = to_u32(in, in.uvarint());
+    body.virtual_triangles.push_back(std::move(vt));
+  }
+  if (!in.finished()) return corrupt("body");
+  return body;
+}
+
+}  // namespace tind
