@@ -1,0 +1,291 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "storage/readers/height_grid.hpp"
+
+#include <algorithm>
+#include <cerrno>
+#include <cmath>
+#include <cstring>
+#include <limits>
+#include <span>
+#include <utility>
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <stdlib.h>
+#include <sys/mman.h>
+#include <unistd.h>
+
+#include "storage/readers/void_fill.hpp"
+
+namespace tind {
+namespace {
+
+/// Memory map of an unlinked file whose space on disk is reserved. Zero bytes at first.
+class ScratchMap {
+ public:
+  static Result<ScratchMap> create(const std::string& folder, std::uint64_t n_bytes) {
+    const std::string where = folder.empty() ? "." : folder;
+    const auto refuse = [&](int error) {
+      return fail(ErrorKind::kIo, fmt::format("{}: cannot make a scratch file of {} MB for the posts: {}", where,
+                                              (n_bytes >> 20) + 1, std::strerror(error)));
+    };
+    if (n_bytes > static_cast<std::uint64_t>(std::numeric_limits<off_t>::max())) return refuse(EFBIG);
+    std::string name = where + "/.tind-scratch-XXXXXX";
+    const int fd = mkstemp(name.data());
+    if (fd < 0) return refuse(errno);
+    ::unlink(name.c_str());
+    if (const int error = posix_fallocate(fd, 0, static_cast<off_t>(n_bytes)); error != 0) {
+      ::close(fd);
+      return refuse(error);
+    }
+    void* address = ::mmap(nullptr, n_bytes, PROT_READ | PROT_WRITE, MAP_SHARED, fd, 0);
+    const int error = errno;
+    ::close(fd);
+    if (address == MAP_FAILED) return refuse(error);
+    return ScratchMap(address, n_bytes);
+  }
+  ScratchMap() = default;
+  ScratchMap(ScratchMap&& other) noexcept
+      : address_(std::exchange(other.address_, nullptr)), n_bytes_(std::exchange(other.n_bytes_, 0)) {}
+  ScratchMap& operator=(ScratchMap&& other) noexcept {
+    std::swap(address_, other.address_);
+    std::swap(n_bytes_, other.n_bytes_);
+    return *this;
+  }
+  ~ScratchMap() {
+    if (address_ != nullptr) ::munmap(address_, n_bytes_);
+  }
+  void* data() const { return address_; }
+
+ private:
+  ScratchMap(void* address, std::uint64_t n_bytes) : address_(address), n_bytes_(n_bytes) {}
+  void* address_ = nullptr;
+  std::uint64_t n_bytes_ = 0;
+};
+
+/// Rows of the mosaic's grid while overlapping sources are merged.
+struct Strip {
+  std::vector<double> sum;
+  std::vector<float> low, high;
+  std::vector<std::uint16_t> count;
+
+  explicit Strip(std::size_t n) : sum(n), low(n), high(n), count(n) {}
+  void clear() { std::fill(count.begin(), count.end(), std::uint16_t{0}); }
+  void add(std::size_t i, float height) {
+    if (count[i] == 0) {
+      sum[i] = height;
+      low[i] = high[i] = height;
+    } else {
+      sum[i] += height;
+      low[i] = std::min(low[i], height);
+      high[i] = std::max(high[i], height);
+    }
+    ++count[i];
+  }
+};
+
+constexpr std::size_t kStripBytes = std::size_t{64} << 20;
+constexpr std::size_t kMaxStripRows = 512;
+constexpr std::size_t kBytesPerStripPost = 40;  // Strip, one source's floats, and GDAL's doubles
+
+}  // namespace
+
+struct HeightGrid::Impl {
+  ScratchMap map;
+  HeightField field;
+  HeightGridCounts counts;
+  std::vector<std::string> notes;
+  PostGrid grid;
+  DataFrame frame;
+
+  /// Lays the extended grid around the mosaic's and reserves its memory. Returns the falloff that fits.
+  Result<std::int64_t> lay_out(const RasterMosaic& mosaic, const Lattice& lattice, const HeightGridOptions& options);
+  Result<void> merge(const RasterMosaic& mosaic, const std::function<void(double)>& progress);
+  /// One height for a pole; `row` is the grid's last row at it, `on_pole` iff it lies on the pole itself.
+  double settle_pole(std::int64_t row, bool on_pole);
+};
+
+Result<std::int64_t> HeightGrid::Impl::lay_out(const RasterMosaic& mosaic, const Lattice& lattice,
+                                               const HeightGridOptions& options) {
+  const std::int64_t wanted = options.falloff_posts;
+  std::int64_t falloff = wanted, rim_x = wanted;
+  const double around = 360.0 / mosaic.lon_spacing_deg;
+  const auto spare = static_cast<std::int64_t>(std::floor(around + 1e-3)) - mosaic.n_cols;
+  grid.wraps = mosaic.wraps;
+  grid.n_cols = mosaic.n_cols + 2 * rim_x;
+  frame.west_col = rim_x;
+  if (mosaic.wraps) {
+    rim_x = 0;
+    grid.n_cols = mosaic.n_cols;
+    frame.west_col = 0;
+  } else if (spare < 2 * wanted) {
+    // The two rims would meet at the back of the globe.
+    if (std::abs(around - std::round(around)) <= 1e-3) {
+      grid.wraps = true;  // the gap becomes a void between the data's two sides
+      rim_x = 0;
+      grid.n_cols = mosaic.n_cols + spare;
+      frame.west_col = 0;
+    } else {
+      rim_x = std::max<std::int64_t>(spare / 2, 0);
+      falloff = std::max<std::int64_t>(rim_x, 1);
+      grid.n_cols = mosaic.n_cols + 2 * rim_x;
+      frame.west_col = rim_x;
+      notes.push_back(fmt::format("the data nearly closes around the globe: the falloff is {} posts instead of {}", falloff, wanted));
+    }
+  }
+  frame.east_col = grid.wraps ? grid.n_cols - 1 : frame.west_col + mosaic.n_cols - 1;
+
+  const double north_deg = mosaic.south_deg + static_cast<double>(mosaic.n_rows - 1) * mosaic.lat_spacing_deg;
+  const auto rows_to_pole = [&](double degrees) {
+    return std::max<std::int64_t>(0, static_cast<std::int64_t>(std::floor(degrees / mosaic.lat_spacing_deg + 1e-3)));
+  };
+  const std::int64_t rim_south = std::min(falloff, rows_to_pole(mosaic.south_deg + 90.0));
+  const std::int64_t rim_north = std::min(falloff, rows_to_pole(90.0 - north_deg));
+  grid.n_rows = mosaic.n_rows + rim_south + rim_north;
+  frame.south_row = rim_south;
+  frame.north_row = rim_south + mosaic.n_rows - 1;
+  frame.open_south = rim_south > 0;
+  frame.open_north = rim_north > 0;
+
+  const auto n_posts = static_cast<std::uint64_t>(grid.n_rows) * static_cast<std::uint64_t>(grid.n_cols);
+  auto scratch = ScratchMap::create(options.scratch_dir, n_posts * (sizeof(float) + sizeof(PostOrigin)));
+  if (!scratch) return tl::unexpected(scratch.error());
+  map = std::move(*scratch);
+  grid.heights_m = static_cast<float*>(map.data());
+  grid.origins = reinterpret_cast<PostOrigin*>(grid.heights_m + n_posts);
+
+  const double step = lattice.step_deg();
+  field.lattice = lattice;
+  field.n_rows = grid.n_rows;
+  field.n_cols = grid.n_cols;
+  field.wraps = grid.wraps;
+  field.dx = grid.wraps ? static_cast<double>(lattice.width()) / static_cast<double>(grid.n_cols) : mosaic.lon_spacing_deg / step;
+  field.dy = mosaic.lat_spacing_deg / step;
+  field.x0 = (mosaic.west_deg + 180.0) / step - static_cast<double>(rim_x) * field.dx;
+  if (field.x0 < 0) field.x0 += static_cast<double>(lattice.width());
+  field.y0 = std::max(0.0, (mosaic.south_deg + 90.0) / step - static_cast<double>(rim_south) * field.dy);
+  field.base_height_m = options.base_height_m;
+  field.heights_m = grid.heights_m;
+  field.origins = grid.origins;
+  return falloff;
+}
+
+Result<void> HeightGrid::Impl::merge(const RasterMosaic& mosaic, const std::function<void(double)>& progress) {
+  const auto n_cols = static_cast<std::size_t>(mosaic.n_cols);
+  const auto strip_rows =
+      static_cast<std::int64_t>(std::clamp<std::size_t>(kStripBytes / (kBytesPerStripPost * n_cols), 1, kMaxStripRows));
+  Strip strip(static_cast<std::size_t>(strip_rows) * n_cols);
+  std::vector<float> heights;
+  for (std::int64_t begin = 0; begin < mosaic.n_rows; begin += strip_rows) {
+    const std::int64_t end = std::min(begin + strip_rows, mosaic.n_rows);
+    strip.clear();
+    for (std::size_t s = 0; s < mosaic.sources.size(); ++s) {
+      const RasterSource& source = mosaic.sources[s];
+      const std::int64_t from = std::max(begin, source.grid_row), to = std::min(end, source.grid_row + source.n_used_rows);
+      if (from >= to) continue;
+      if (auto read = mosaic.read_rows(s, from - source.grid_row, to - from, heights, counts.implausible); !read) return read;
+      for (std::int64_t r = from; r < to; ++r) {
+        const float* row = heights.data() + (r - from) * source.n_used_cols;
+        const std::size_t row_at = static_cast<std::size_t>(r - begin) * n_cols;
+        auto col = static_cast<std::size_t>(source.grid_col);
+        for (std::int64_t c = 0; c < source.n_used_cols; ++c) {
+          if (!std::isnan(row[c])) strip.add(row_at + col, row[c]);
+          if (++col == n_cols) col = 0;
+        }
+      }
+    }
+    for (std::int64_t r = begin; r < end; ++r) {
+      const std::int64_t out = (frame.south_row + r) * grid.n_cols + frame.west_col;
+      for (std::size_t c = 0; c < n_cols; ++c) {
+        const std::size_t i = static_cast<std::size_t>(r - begin) * n_cols + c;
+        if (strip.count[i] == 0) continue;
+        const auto height = static_cast<float>(strip.sum[i] / strip.count[i]);
+        grid.heights_m[out + static_cast<std::int64_t>(c)] = height;
+        grid.origins[out + static_cast<std::int64_t>(c)] = PostOrigin::kSource;
+        ++counts.source;
+        if (strip.count[i] < 2) continue;
+        ++counts.overlapping;
+        if (strip.low[i] == strip.high[i]) continue;
+        ++counts.disagreeing;
+        const double mean = height, low = strip.low[i], high = strip.high[i];
+        field.disagreement_m = std::max({field.disagreement_m, high - mean, mean - low});
+      }
+    }
+    if (progress) progress(0.7 * static_cast<double>(end) / static_cast<double>(mosaic.n_rows));
+  }
+  return {};
+}
+
+double HeightGrid::Impl::settle_pole(std::int64_t row, bool on_pole) {
+  float* heights = grid.heights_m + row * grid.n_cols;
+  PostOrigin* origins = grid.origins + row * grid.n_cols;
+  const bool any_source = std::find(origins, origins + grid.n_cols, PostOrigin::kSource) != origins + grid.n_cols;
+  double sum = 0;
+  std::int64_t n = 0;
+  for (std::int64_t c = 0; c < grid.n_cols; ++c) {
+    if (any_source && origins[c] != PostOrigin::kSource) continue;
+    sum += heights[c];
+    ++n;
+  }
+  // A float, so that the pole row and the pole itself have the very same height.
+  const auto pole = static_cast<float>(sum / static_cast<double>(n));
+  if (!on_pole) return pole;
+  double moved = 0;
+  for (std::int64_t c = 0; c < grid.n_cols; ++c) {
+    if (origins[c] == PostOrigin::kSource) moved = std::max(moved, std::abs(static_cast<double>(heights[c]) - pole));
+    if (origins[c] == PostOrigin::kBase && pole != static_cast<float>(field.base_height_m)) {
+      origins[c] = PostOrigin::kFalloff;
+      ++counts.falloff;
+    }
+    heights[c] = pole;
+  }
+  if (moved > 0) {
+    field.disagreement_m = std::max(field.disagreement_m, moved);
+    notes.push_back(fmt::format("the posts on a pole are one point but differ by up to {:.2f} m from their mean, which is used", moved));
+  }
+  return pole;
+}
+
+HeightGrid::HeightGrid(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
+HeightGrid::HeightGrid(HeightGrid&&) noexcept = default;
+HeightGrid& HeightGrid::operator=(HeightGrid&&) noexcept = default;
+HeightGrid::~HeightGrid() = default;
+const HeightField& HeightGrid::field() const { return impl_->field; }
+const HeightGridCounts& HeightGrid::counts() const { return impl_->counts; }
+const std::vector<std::string>& HeightGrid::notes() const { return impl_->notes; }
+
+Result<HeightGrid> HeightGrid::load(const RasterMosaic& mosaic, const Lattice& lattice, const HeightGridOptions& options,
+                                    const std::function<void(double)>& progress) {
+  if (options.falloff_posts < 1) return fail(ErrorKind::kInvalidInput, "the falloff needs at least 1 post");
+  if (!(std::abs(options.base_height_m) <= kMaxHeightM)) {
+    return fail(ErrorKind::kInvalidInput, fmt::format("base height {} m is beyond +-{} m", options.base_height_m, kMaxHeightM));
+  }
+  HeightGrid result(std::make_unique<Impl>());
+  Impl& impl = *result.impl_;
+  const auto falloff = impl.lay_out(mosaic, lattice, options);
+  if (!falloff) return tl::unexpected(falloff.error());
+  if (auto merged = impl.merge(mosaic, progress); !merged) return tl::unexpected(merged.error());
+  if (impl.counts.source == 0) {
+    return fail(ErrorKind::kInvalidInput, fmt::format("{}: every post is a void; check the nodata value and the vertical unit",
+                                                      mosaic.sources.front().path));
+  }
+  if (impl.counts.implausible > 0) {
+    impl.notes.push_back(fmt::format("{} posts beyond +-{} m are taken as voids; declare the nodata value if that is what they are",
+                                     impl.counts.implausible, kMaxHeightM));
+  }
+  impl.counts.filled = fill_interior_voids(impl.grid, impl.frame);
+  if (progress) progress(0.8);
+  impl.counts.falloff = add_falloff(impl.grid, options.base_height_m, *falloff);
+
+  HeightField& field = impl.field;
+  const double height = static_cast<double>(lattice.height());
+  const double north_gap = height - field.post_y(field.n_rows - 1);
+  field.continues_south = field.y0 <= field.dy * (1 + 1e-9);
+  field.continues_north = north_gap <= field.dy * (1 + 1e-9);
+  if (field.continues_south) field.south_pole_m = impl.settle_pole(0, field.y0 <= 0.5);
+  if (field.continues_north) field.north_pole_m = impl.settle_pole(field.n_rows - 1, north_gap <= 0.5);
+  if (progress) progress(1.0);
+  return result;
+}
+
+}  // namespace tind

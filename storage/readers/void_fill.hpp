@@ -1,0 +1,40 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+#include <cstdint>
+
+#include "core/height_field.hpp"
+
+namespace tind {
+
+/// A grid of posts in work: n_rows x n_cols, row-major, row 0 southernmost. A post of origin kBase is still a void: its
+/// height is not read. Arrays are not owned.
+struct PostGrid {
+  std::int64_t n_rows = 0, n_cols = 0;
+  bool wraps = false;  ///< Column n_cols - 1 is the western neighbour of column 0.
+  float* heights_m = nullptr;
+  PostOrigin* origins = nullptr;
+};
+
+/// The bounding grid of the data inside a PostGrid (inclusive), and on which sides the world goes on beyond it (a pole is
+/// the end of the world, a grid that wraps has none in x).
+struct DataFrame {
+  std::int64_t south_row = 0, north_row = 0, west_col = 0, east_col = 0;
+  bool open_south = true, open_north = true;
+};
+
+/// Fills the voids that do not touch an open side of the frame (4-connected) with a membrane (Laplace's equation with the
+/// void's rim as boundary), solved from coarse to fine: no value leaves the range of the rim. Sets kFilled.
+/// Returns the number of posts filled. Deterministic. Memory: the bounding window of one void at a time.
+std::uint64_t fill_interior_voids(PostGrid& grid, const DataFrame& frame);
+
+/// Gives every remaining void post its height: the nearest post that has one (Euclidean distance d in posts), pulled
+/// linearly to the base height at d = falloff_posts, then kFalloffSweeps relaxation sweeps over these posts alone (data
+/// and base stay), so that no cliff stands where the nearest post jumps. Posts at d >= falloff_posts are the base exactly.
+/// Sets kFalloff or leaves kBase. Returns the number of kFalloff posts. Deterministic. Precondition: falloff_posts >= 1.
+std::uint64_t add_falloff(PostGrid& grid, double base_height_m, std::int64_t falloff_posts);
+
+/// Relaxation sweeps of add_falloff: they spread a jump over some ten posts.
+inline constexpr int kFalloffSweeps = 64;
+
+}  // namespace tind
