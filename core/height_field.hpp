@@ -2,10 +2,6 @@
 #pragma once
 
 #include <cstdint>
-#include <memory>
-#include <optional>
-#include <span>
-#include <vector>
 
 #include "core/lattice.hpp"
 
@@ -32,8 +28,9 @@ struct HeightField {
   double x0 = 0, y0 = 0;         ///< Lattice position of post (0, 0); 0 <= x0 < lattice.width().
   double dx = 0, dy = 0;         ///< Lattice steps between posts; both > 0.
   bool wraps = false;            ///< The columns close around the globe: n_cols * dx == lattice.width().
-  bool continues_south = false;  ///< The grid ends at the south pole: south of row 0 its heights run on to the pole's.
-  bool continues_north = false;  ///< Same for the last row and the north pole.
+  /// The last row is within one spacing of the south pole (or on it): from it heights run linearly to the pole's one height.
+  bool continues_south = false;
+  bool continues_north = false;  ///< Same at the north pole.
   double south_pole_m = 0;       ///< Height of the pole itself when continues_south.
   double north_pole_m = 0;
   double base_height_m = 0;
@@ -48,7 +45,17 @@ struct HeightField {
   }
   PostOrigin origin_at(std::int64_t r, std::int64_t c) const { return origins[r * n_cols + c]; }
 
-  /// Height in metres at any real lattice position: bilinear between posts, the base height outside the grid.
+  /// True iff (x, y) lies between posts (or between the last row and its pole): where this is false the height is the base.
+  bool covers(double x, double y) const {
+    if (y < (continues_south ? 0.0 : y0)) return false;
+    if (y > (continues_north ? static_cast<double>(lattice.height()) : post_y(n_rows - 1))) return false;
+    if (wraps) return true;
+    const double width = static_cast<double>(lattice.width());
+    const double last = post_x(n_cols - 1);
+    return (x >= x0 && x <= last) || (x + width >= x0 && x + width <= last) || (x - width >= x0 && x - width <= last);
+  }
+  /// Height in metres at any real lattice position, x modulo the lattice's width: bilinear between posts, on to the pole
+  /// where the grid continues there, the base height outside.
   double sample_m(double x, double y) const;
   /// THE height of lattice point (x, y) in height units, the same for every level, tile and line that has a vertex there.
   /// A point that a post rounds to has the post's own height, a point that rounds onto a post row or column is sampled on it.

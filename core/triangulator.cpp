@@ -1,0 +1,478 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "core/triangulator.hpp"
+
+#include <CGAL/Constrained_Delaunay_triangulation_2.h>
+#include <CGAL/Constrained_triangulation_face_base_2.h>
+#include <CGAL/Exact_predicates_inexact_constructions_kernel.h>
+#include <CGAL/Triangulation_face_base_with_info_2.h>
+#include <CGAL/Triangulation_vertex_base_with_info_2.h>
+
+#include <algorithm>
+#include <cassert>
+#include <cmath>
+#include <limits>
+#include <queue>
+#include <unordered_set>
+
+namespace tind {
+namespace {
+
+struct VertexInfo {
+  std::int64_t x = 0, y = 0;  // local lattice steps
+  std::int32_t z = 0;
+  std::uint32_t index = 0;  // local order, set at the end for interior vertices
+};
+
+struct FaceInfo {
+  std::uint32_t stamp = 0;  // grows with every rescan: older heap entries are stale
+};
+
+using Kernel = CGAL::Exact_predicates_inexact_constructions_kernel;
+using VertexBase = CGAL::Triangulation_vertex_base_with_info_2<VertexInfo, Kernel>;
+using FaceBase =
+    CGAL::Constrained_triangulation_face_base_2<Kernel, CGAL::Triangulation_face_base_with_info_2<FaceInfo, Kernel>>;
+using Cdt = CGAL::Constrained_Delaunay_triangulation_2<Kernel, CGAL::Triangulation_data_structure_2<VertexBase, FaceBase>,
+                                                       CGAL::No_constraint_intersection_tag>;
+using Vertex = Cdt::Vertex_handle;
+using Face = Cdt::Face_handle;
+
+__extension__ using Int128 = __int128;
+
+// Posts this close (in columns or rows) outside a triangle are scanned with it, so that none falls between two.
+constexpr double kScanSlack = 1e-6;
+constexpr std::int64_t kGridCells = 256;
+
+// A regular grid of posts over the tile, in local lattice steps.
+struct PostWindow {
+  double x0 = 0, y0 = 0, dx = 1, dy = 1;  // position of post (0, 0) of the window and spacing
+  std::int64_t n_cols = 0, n_rows = 0;
+  std::int64_t field_col = 0, field_row = 0;  // of the window's post (0, 0); field_col < 0: the level's grid at base height
+
+  bool is_grid() const { return field_col < 0; }
+  double x(std::int64_t c) const { return x0 + static_cast<double>(c) * dx; }
+  double y(std::int64_t r) const { return y0 + static_cast<double>(r) * dy; }
+};
+
+struct Candidate {
+  double error = 0;
+  std::int64_t x = 0, y = 0;  // local lattice steps of the vertex to be
+  std::uint32_t stamp = 0;
+  Face face;
+
+  // Heap order: largest error, then south, then west.
+  friend bool operator<(const Candidate& a, const Candidate& b) {
+    if (a.error != b.error) return a.error < b.error;
+    if (a.y != b.y) return a.y > b.y;
+    return a.x > b.x;
+  }
+};
+
+struct PositionHash {
+  std::size_t operator()(const std::pair<std::int64_t, std::int64_t>& p) const noexcept {
+    return std::hash<std::int64_t>{}(p.first * 0x9E3779B97F4A7C15ll ^ p.second);
+  }
+};
+
+// Plane through a triangle: z = z_a + slope_x (x - x_a) + slope_y (y - y_a), metres over local lattice steps.
+struct Plane {
+  double x_a, y_a, z_a, slope_x, slope_y;
+  double at(double x, double y) const { return z_a + slope_x * (x - x_a) + slope_y * (y - y_a); }
+};
+
+// What the guard needs to know of a face.
+struct Guard {
+  enum class Kind { kNone, kFan, kCorner } kind = Kind::kNone;
+  int border = 0;                           // kFan: the border of the one border edge
+  double apex_along = 0, apex_across = 0;   // kFan: apex, along the border and its distance from it
+  double apex_m = 0;
+  double extra_m = 0;                       // kCorner: largest distance of the envelope from B_L
+};
+
+class TileRefiner {
+ public:
+  TileRefiner(const HeightField& field, const TileTask& task)
+      : field_(field), task_(task), side_(field.lattice.tile_side(task.key.level)),
+        west_(side_ * task.key.x), south_(side_ * task.key.y) {}
+
+  TileSurface run() {
+    make_windows();
+    insert_initial();
+    refine();
+    TileSurface surface;
+    surface.n_inserted = n_inserted_;
+    extract(surface);
+    measure(surface.stats);
+    return surface;
+  }
+
+ private:
+  double height_m(std::int32_t z) const { return field_.lattice.height_m(z); }
+
+  // ---- posts -------------------------------------------------------------------------------------------------------
+
+  void make_windows() {
+    const double width = static_cast<double>(field_.lattice.width()), side = static_cast<double>(side_);
+    for (const double turn : {-width, 0.0, width}) {
+      PostWindow w;
+      w.dx = field_.dx;
+      w.dy = field_.dy;
+      const double x0 = field_.x0 + turn - static_cast<double>(west_), y0 = field_.y0 - static_cast<double>(south_);
+      const auto first = [](double origin, double step) {
+        return std::max<std::int64_t>(0, static_cast<std::int64_t>(std::ceil(-origin / step)));
+      };
+      const auto last = [side](double origin, double step, std::int64_t n) {
+        return std::min<std::int64_t>(n - 1, static_cast<std::int64_t>(std::floor((side - origin) / step)));
+      };
+      w.field_col = first(x0, w.dx);
+      w.field_row = first(y0, w.dy);
+      w.n_cols = last(x0, w.dx, field_.n_cols) - w.field_col + 1;
+      w.n_rows = last(y0, w.dy, field_.n_rows) - w.field_row + 1;
+      if (w.n_cols <= 0 || w.n_rows <= 0) continue;
+      w.x0 = x0 + static_cast<double>(w.field_col) * w.dx;
+      w.y0 = y0 + static_cast<double>(w.field_row) * w.dy;
+      windows_.push_back(w);
+    }
+    const auto covered = [&](std::int64_t x, std::int64_t y) {
+      return field_.covers(static_cast<double>(west_ + x), static_cast<double>(south_ + y));
+    };
+    // Posts end where the grid ends: beyond it the base height is checked on the level's own grid.
+    if (covered(0, 0) && covered(side_, 0) && covered(0, side_) && covered(side_, side_) && field_.n_rows > 1) {
+      const double west = static_cast<double>(west_), last = field_.post_x(field_.n_cols - 1);
+      if (field_.wraps || (field_.x0 <= west && west + side <= last)) return;
+    }
+    PostWindow grid;
+    grid.field_col = -1;
+    grid.dx = grid.dy = static_cast<double>(side_ / kGridCells);
+    grid.n_cols = grid.n_rows = kGridCells + 1;
+    windows_.push_back(grid);
+  }
+
+  // ---- triangulation -----------------------------------------------------------------------------------------------
+
+  void insert_vertex_info(Vertex v, const LocalVertex& p, std::uint32_t index) {
+    v->info() = {p.x, p.y, p.z, index};
+    used_.insert({p.x, p.y});
+  }
+
+  Vertex insert_point(std::int64_t x, std::int64_t y, Face hint) {
+    return cdt_.insert(Kernel::Point_2(static_cast<double>(x), static_cast<double>(y)), hint);
+  }
+
+  void insert_initial() {
+    // Corners first: from then on every point lies inside the square or on its hull.
+    std::array<std::uint32_t, 4> first_index{};
+    for (std::size_t b = 0; b < 4; ++b) {
+      first_index[b] = n_ring_;
+      n_ring_ += static_cast<std::uint32_t>(task_.borders[b].size());
+    }
+    for (std::size_t b = 0; b < 4; ++b) {
+      const LocalVertex& corner = task_.borders[b][0];
+      insert_vertex_info(insert_point(corner.x, corner.y, Face()), corner, first_index[b]);
+    }
+    Face hint;
+    for (std::size_t b = 0; b < 4; ++b) {
+      for (std::size_t k = 1; k < task_.borders[b].size(); ++k) {
+        const LocalVertex& p = task_.borders[b][k];
+        const Vertex v = insert_point(p.x, p.y, hint);
+        insert_vertex_info(v, p, first_index[b] + static_cast<std::uint32_t>(k));
+        hint = v->face();
+      }
+    }
+    std::vector<LocalVertex> initial = task_.initial;
+    std::sort(initial.begin(), initial.end(), morton_before);
+    for (const LocalVertex& p : initial) {
+      assert(p.x > 0 && p.y > 0 && p.x < side_ && p.y < side_);
+      if (used_.contains({p.x, p.y})) continue;
+      const Vertex v = insert_point(p.x, p.y, hint);
+      insert_vertex_info(v, p, 0);
+      hint = v->face();
+    }
+  }
+
+  static bool morton_before(const LocalVertex& a, const LocalVertex& b) {
+    return morton_less(static_cast<std::uint64_t>(a.x), static_cast<std::uint64_t>(a.y), static_cast<std::uint64_t>(b.x),
+                       static_cast<std::uint64_t>(b.y));
+  }
+
+  void refine() {
+    for (Face f : cdt_.finite_face_handles()) scan(f);
+    while (!heap_.empty()) {
+      const Candidate best = heap_.top();
+      heap_.pop();
+      if (best.stamp != best.face->info().stamp) continue;
+      const Vertex v = insert_point(best.x, best.y, best.face);
+      const LocalVertex p{best.x, best.y, field_.lattice_height(west_ + best.x, south_ + best.y)};
+      insert_vertex_info(v, p, 0);
+      ++n_inserted_;
+      // Flips keep faces alive, so the changed faces are exactly those around the new vertex.
+      Cdt::Face_circulator f = cdt_.incident_faces(v);
+      const Cdt::Face_circulator end = f;
+      do {
+        if (!cdt_.is_infinite(f)) scan(f);
+      } while (++f != end);
+    }
+  }
+
+  // ---- scanning ----------------------------------------------------------------------------------------------------
+
+  Plane plane_of(Face f) const {
+    const VertexInfo &a = f->vertex(0)->info(), &b = f->vertex(1)->info(), &c = f->vertex(2)->info();
+    const std::int64_t bx = b.x - a.x, by = b.y - a.y, cx = c.x - a.x, cy = c.y - a.y;
+    // Exact: slivers on coarse tiles have an area far below the rounding of the products.
+    const double area = static_cast<double>(Int128{bx} * cy - Int128{by} * cx);
+    const double bz = height_m(b.z) - height_m(a.z), cz = height_m(c.z) - height_m(a.z);
+    return {static_cast<double>(a.x), static_cast<double>(a.y), height_m(a.z),
+            (bz * static_cast<double>(cy) - cz * static_cast<double>(by)) / area,
+            (cz * static_cast<double>(bx) - bz * static_cast<double>(cx)) / area};
+  }
+
+  // Border of the hull edge opposite vertex i.
+  int border_of_edge(Face f, int i) const {
+    const VertexInfo &a = f->vertex(Cdt::ccw(i))->info(), &b = f->vertex(Cdt::cw(i))->info();
+    if (a.y == 0 && b.y == 0) return 0;
+    if (a.x == side_ && b.x == side_) return 1;
+    if (a.y == side_ && b.y == side_) return 2;
+    return 3;
+  }
+
+  Guard guard_of(Face f) const {
+    Guard guard;
+    int n_edges = 0, opposite = 0;
+    for (int i = 0; i < 3; ++i) {
+      if (!cdt_.is_infinite(f->neighbor(i))) continue;
+      ++n_edges;
+      opposite = i;
+      const int border = border_of_edge(f, i);
+      const auto& knots = task_.envelopes[static_cast<std::size_t>(border)];
+      const VertexInfo &a = f->vertex(Cdt::ccw(i))->info(), &b = f->vertex(Cdt::cw(i))->info();
+      const bool along_x = border % 2 == 0;
+      const double low = static_cast<double>(along_x ? std::min(a.x, b.x) : std::min(a.y, b.y));
+      const double high = static_cast<double>(along_x ? std::max(a.x, b.x) : std::max(a.y, b.y));
+      auto knot = std::upper_bound(knots.begin(), knots.end(), low,
+                                   [](double t, const EnvelopeKnot& k) { return t < k.t; });
+      for (; knot != knots.end() && knot->t < high; ++knot) {
+        guard.extra_m = std::max({guard.extra_m, knot->high_m - knot->own_m, knot->own_m - knot->low_m});
+      }
+      guard.border = border;
+    }
+    if (guard.extra_m == 0) return {};  // no finer border differs here
+    if (n_edges == 2) {
+      guard.kind = Guard::Kind::kCorner;
+      return guard;
+    }
+    const VertexInfo& apex = f->vertex(opposite)->info();
+    guard.kind = Guard::Kind::kFan;
+    guard.apex_m = height_m(apex.z);
+    const auto s = static_cast<double>(side_), x = static_cast<double>(apex.x), y = static_cast<double>(apex.y);
+    guard.apex_along = guard.border % 2 == 0 ? x : y;
+    guard.apex_across = guard.border == 0 ? y : guard.border == 1 ? s - x : guard.border == 2 ? s - y : x;
+    return guard;
+  }
+
+  // Error of a post in a virtual triangle over all tessellations: the plane through the apex and any B_g between the
+  // envelope's bounds.
+  double fan_error(const Guard& guard, double x, double y, double height) const {
+    const auto s = static_cast<double>(side_);
+    const double along = guard.border % 2 == 0 ? x : y;
+    const double across = guard.border == 0 ? y : guard.border == 1 ? s - x : guard.border == 2 ? s - y : x;
+    const double lambda = std::clamp(across / guard.apex_across, 0.0, 1.0);  // weight of the apex
+    if (lambda >= 1) return std::abs(guard.apex_m - height);
+    const double t = (along - lambda * guard.apex_along) / (1 - lambda);
+    const auto& knots = task_.envelopes[static_cast<std::size_t>(guard.border)];
+    auto after = std::upper_bound(knots.begin(), knots.end(), t, [](double v, const EnvelopeKnot& k) { return v < k.t; });
+    if (after == knots.begin()) ++after;
+    if (after == knots.end()) --after;
+    const EnvelopeKnot &a = *(after - 1), &b = *after;
+    const double w = std::clamp((t - a.t) / (b.t - a.t), 0.0, 1.0);
+    const double high = a.high_m + w * (b.high_m - a.high_m), low = a.low_m + w * (b.low_m - a.low_m);
+    const double apex = lambda * guard.apex_m;
+    return std::max(std::abs(apex + (1 - lambda) * high - height), std::abs(apex + (1 - lambda) * low - height));
+  }
+
+  // Calls row(r, c_first, c_last) for the posts of a window in a triangle, borders included.
+  template <class Row>
+  void for_rows(Face f, const PostWindow& w, Row row) const {
+    std::array<const VertexInfo*, 3> v = {&f->vertex(0)->info(), &f->vertex(1)->info(), &f->vertex(2)->info()};
+    std::sort(v.begin(), v.end(), [](const auto* a, const auto* b) { return a->y < b->y; });
+    std::array<double, 3> x{}, y{};
+    for (std::size_t i = 0; i < 3; ++i) {
+      x[i] = (static_cast<double>(v[i]->x) - w.x0) / w.dx;
+      y[i] = (static_cast<double>(v[i]->y) - w.y0) / w.dy;
+    }
+    const auto r_first = std::max<std::int64_t>(0, static_cast<std::int64_t>(std::ceil(y[0] - kScanSlack)));
+    const auto r_last = std::min<std::int64_t>(w.n_rows - 1, static_cast<std::int64_t>(std::floor(y[2] + kScanSlack)));
+    const double long_slope = (x[2] - x[0]) / (y[2] - y[0]);
+    const double low_slope = y[1] > y[0] ? (x[1] - x[0]) / (y[1] - y[0]) : 0;
+    const double high_slope = y[2] > y[1] ? (x[2] - x[1]) / (y[2] - y[1]) : 0;
+    for (std::int64_t r = r_first; r <= r_last; ++r) {
+      const double at = std::clamp(static_cast<double>(r), y[0], y[2]);
+      const double x_long = x[0] + long_slope * (at - y[0]);
+      double x_short = x[1];
+      if (at < y[1]) {
+        x_short = x[0] + low_slope * (at - y[0]);
+      } else if (y[2] > y[1]) {
+        x_short = x[1] + high_slope * (at - y[1]);
+      }
+      const double left = std::min(x_long, x_short), right = std::max(x_long, x_short);
+      const auto c_first = std::max<std::int64_t>(0, static_cast<std::int64_t>(std::ceil(left - kScanSlack)));
+      const auto c_last = std::min<std::int64_t>(w.n_cols - 1, static_cast<std::int64_t>(std::floor(right + kScanSlack)));
+      if (c_first <= c_last) row(r, c_first, c_last);
+    }
+  }
+
+  const float* field_row(const PostWindow& w, std::int64_t r) const {
+    return field_.heights_m + (w.field_row + r) * field_.n_cols + w.field_col;
+  }
+
+  // Posts that may become vertices: those that round to a free lattice point inside the tile.
+  bool to_vertex(double x, double y, Candidate& candidate) const {
+    const std::int64_t lx = std::llround(x), ly = std::llround(y);
+    if (lx <= 0 || ly <= 0 || lx >= side_ || ly >= side_ || used_.contains({lx, ly})) return false;
+    candidate.x = lx;
+    candidate.y = ly;
+    return true;
+  }
+
+  // Finds the worst post of a face and queues it when it is beyond the tolerance.
+  void scan(Face f) {
+    const std::uint32_t stamp = ++f->info().stamp;
+    const Plane plane = plane_of(f);
+    const Guard guard = guard_of(f);
+    Candidate best;
+    best.error = task_.tolerance_m;
+    bool found = false;
+    const auto consider = [&](double error, double x, double y) {
+      if (!to_vertex(x, y, best)) return;
+      best.error = error;
+      found = true;
+    };
+    for (const PostWindow& w : windows_) {
+      if (w.is_grid()) {
+        if (within_tolerance_of_base(f, guard)) continue;
+        for_rows(f, w, [&](std::int64_t r, std::int64_t c_first, std::int64_t c_last) {
+          const double y = w.y(r);
+          for (std::int64_t c = c_first; c <= c_last; ++c) {
+            const double x = w.x(c);
+            const double error = post_error(plane, guard, x, y, field_.base_height_m);
+            if (error > best.error && !field_.covers(x + static_cast<double>(west_), y + static_cast<double>(south_))) {
+              consider(error, x, y);
+            }
+          }
+        });
+        continue;
+      }
+      for_rows(f, w, [&](std::int64_t r, std::int64_t c_first, std::int64_t c_last) {
+        const float* heights = field_row(w, r);
+        const double y = w.y(r);
+        if (guard.kind == Guard::Kind::kFan) {
+          for (std::int64_t c = c_first; c <= c_last; ++c) {
+            const double error = fan_error(guard, w.x(c), y, static_cast<double>(heights[c]));
+            if (error > best.error) consider(error, w.x(c), y);
+          }
+          return;
+        }
+        const double z_first = plane.at(w.x(c_first), y), step = plane.slope_x * w.dx;
+        for (std::int64_t c = c_first; c <= c_last; ++c) {
+          const double error =
+              std::abs(z_first + step * static_cast<double>(c - c_first) - static_cast<double>(heights[c])) + guard.extra_m;
+          if (error > best.error) consider(error, w.x(c), y);
+        }
+      });
+    }
+    if (!found) return;
+    best.stamp = stamp;
+    best.face = f;
+    heap_.push(best);
+  }
+
+  double post_error(const Plane& plane, const Guard& guard, double x, double y, double height) const {
+    if (guard.kind == Guard::Kind::kFan) return fan_error(guard, x, y, height);
+    return std::abs(plane.at(x, y) - height) + guard.extra_m;
+  }
+
+  // A face whose corners (and finer borders) are within the tolerance of the base height is so everywhere.
+  bool within_tolerance_of_base(Face f, const Guard& guard) const {
+    double largest = 0;
+    for (int i = 0; i < 3; ++i) {
+      largest = std::max(largest, std::abs(height_m(f->vertex(i)->info().z) - field_.base_height_m));
+    }
+    return largest + guard.extra_m <= task_.tolerance_m;
+  }
+
+  // ---- results -----------------------------------------------------------------------------------------------------
+
+  void extract(TileSurface& surface) {
+    std::vector<Vertex> interior;
+    TileStats& stats = surface.stats;
+    stats.min_z = std::numeric_limits<std::int32_t>::max();
+    stats.max_z = std::numeric_limits<std::int32_t>::min();
+    for (Vertex v : cdt_.finite_vertex_handles()) {
+      const VertexInfo& p = v->info();
+      stats.min_z = std::min(stats.min_z, p.z);
+      stats.max_z = std::max(stats.max_z, p.z);
+      if (p.x > 0 && p.y > 0 && p.x < side_ && p.y < side_) interior.push_back(v);
+    }
+    const auto local = [](Vertex v) { return LocalVertex{v->info().x, v->info().y, v->info().z}; };
+    std::sort(interior.begin(), interior.end(), [&](Vertex a, Vertex b) { return morton_before(local(a), local(b)); });
+    surface.interior.reserve(interior.size());
+    std::uint32_t index = n_ring_;
+    for (Vertex v : interior) {
+      v->info().index = index++;
+      surface.interior.push_back(local(v));
+    }
+    for (Face f : cdt_.finite_face_handles()) {
+      Triangle t = {f->vertex(0)->info().index, f->vertex(1)->info().index, f->vertex(2)->info().index};
+      std::rotate(t.begin(), std::min_element(t.begin(), t.end()), t.end());
+      surface.triangles.push_back(t);
+    }
+    std::sort(surface.triangles.begin(), surface.triangles.end());
+  }
+
+  // Error and RMSE at the source's own posts with west <= X < east, south <= Y < north, each counted once.
+  void measure(TileStats& stats) const {
+    double largest = 0, sum = 0;
+    for (const PostWindow& w : windows_) {
+      if (w.is_grid()) continue;
+      std::vector<bool> seen(static_cast<std::size_t>(w.n_cols * w.n_rows), false);
+      const auto s = static_cast<double>(side_);
+      for (Face f : cdt_.finite_face_handles()) {
+        const Plane plane = plane_of(f);
+        for_rows(f, w, [&](std::int64_t r, std::int64_t c_first, std::int64_t c_last) {
+          const double y = w.y(r);
+          if (y >= s) return;
+          const float* heights = field_row(w, r);
+          const PostOrigin* origins = field_.origins + (heights - field_.heights_m);
+          for (std::int64_t c = c_first; c <= c_last; ++c) {
+            if (origins[c] != PostOrigin::kSource || w.x(c) >= s) continue;
+            const auto at = static_cast<std::size_t>(r * w.n_cols + c);
+            if (seen[at]) continue;
+            seen[at] = true;
+            const double error = std::abs(plane.at(w.x(c), y) - static_cast<double>(heights[c]));
+            largest = std::max(largest, error);
+            sum += error * error;
+            ++stats.n_posts;
+          }
+        });
+      }
+    }
+    stats.max_error_m = std::nextafter(static_cast<float>(largest), std::numeric_limits<float>::max());
+    if (largest == 0) stats.max_error_m = 0;
+    stats.rmse_m = stats.n_posts ? static_cast<float>(std::sqrt(sum / static_cast<double>(stats.n_posts))) : 0;
+  }
+
+  const HeightField& field_;
+  const TileTask& task_;
+  const std::int64_t side_, west_, south_;
+  std::vector<PostWindow> windows_;
+  Cdt cdt_;
+  std::uint32_t n_ring_ = 0;
+  std::uint64_t n_inserted_ = 0;
+  std::unordered_set<std::pair<std::int64_t, std::int64_t>, PositionHash> used_;
+  std::priority_queue<Candidate> heap_;
+};
+
+}  // namespace
+
+TileSurface triangulate(const HeightField& field, const TileTask& task) { return TileRefiner(field, task).run(); }
+
+}  // namespace tind

@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <vector>
+
+#include "core/border_line.hpp"
+#include "core/height_field.hpp"
+#include "core/virtual_node.hpp"
+
+namespace tind {
+
+/// One tile to be triangulated.
+struct TileTask {
+  TileKey key;
+  double tolerance_m = 0;  ///< Refinement tolerance of the level.
+  /// Border vertices of the level in ring direction, local coordinates; border b starts with its corner C_b and ends before the
+  /// next corner.
+  std::array<std::vector<LocalVertex>, 4> borders;
+  /// Envelope per border, ascending in t; t in local lattice steps along the border's axis (east or north).
+  std::array<std::vector<EnvelopeKnot>, 4> envelopes;
+  /// Interior vertices to start from (the parent's, seeds); duplicates are dropped.
+  std::vector<LocalVertex> initial;
+};
+
+/// What refinement makes of it.
+struct TileSurface {
+  std::vector<LocalVertex> interior;  ///< Morton order.
+  std::vector<Triangle> triangles;    ///< Local order, counter-clockwise, smallest index first, sorted.
+  TileStats stats;                    ///< Without coverage.
+  std::uint64_t n_inserted = 0;       ///< Vertices that greedy insertion added.
+};
+
+/// Constrained Delaunay triangulation of the border ring and the initial vertices, then greedy insertion of the worst post until every
+/// post of the tile is within the tolerance, also when virtual triangles are tessellated to any finer border (the guard
+/// of DESIGN "Seams"). Posts outside the grid are the level's own 256 x 256 grid at the base height.
+/// The one door to CGAL. Pure: the same task gives the same bytes; thread safe.
+TileSurface triangulate(const HeightField& field, const TileTask& task);
+
+}  // namespace tind

@@ -1,0 +1,56 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+#include <atomic>
+#include <string>
+#include <vector>
+
+#include "core/level_spec.hpp"
+#include "core/result.hpp"
+#include "storage/builder/progress.hpp"
+#include "storage/manifest.hpp"
+#include "storage/readers/gdal_raster.hpp"
+#include "storage/readers/height_grid.hpp"
+
+namespace tind {
+
+/// Everything that tind-build can be told.
+struct BuildOptions {
+  std::vector<std::string> inputs;
+  std::string output;
+  bool force = false;               ///< Replace an output that exists.
+  RasterOptions raster;
+  LevelOptions levels;              ///< metres_per_degree is set by the builder.
+  bool mid_latitude_metres = false; ///< Spacing in metres at the source's middle latitude instead of the equator.
+  double base_height_m = 0;
+  int falloff_posts = 64;
+  std::string attribution;
+  int threads = 0;                  ///< 0: all cores.
+  const std::atomic<bool>* cancel = nullptr;  ///< Set by a signal handler: stop, leave nothing behind.
+};
+
+/// What one level's vertices are there for. Sums to LevelInfo::n_vertices.
+struct LevelBreakdown {
+  std::uint64_t corners = 0;
+  std::uint64_t border = 0;     ///< Inside edges, seeds among them.
+  std::uint64_t inherited = 0;  ///< Interior: the parents' vertices and seeds.
+  std::uint64_t inserted = 0;   ///< Interior: by greedy insertion.
+  double seconds = 0;
+};
+
+struct BuildReport {
+  Manifest manifest;
+  HeightGridCounts counts;
+  std::vector<LevelBreakdown> breakdown;
+  std::uint64_t file_bytes = 0;
+  double seconds = 0;
+  double read_seconds = 0;
+  int threads = 0;
+};
+
+/// Builds the pyramid of `options.inputs` into `options.output`: under a temporary name beside it, synced, then renamed. On any
+/// failure an earlier output is left untouched and nothing new stays behind. The same input and options give the same
+/// bytes for any number of threads.
+Result<BuildReport> build_pyramid(const BuildOptions& options, Progress& progress);
+
+}  // namespace tind

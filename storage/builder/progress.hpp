@@ -1,0 +1,40 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+#include <chrono>
+#include <cstdio>
+#include <string>
+
+namespace tind {
+
+/// Tells a person how far long work is: one line that renews itself with a bar and an ETA on a terminal, plain lines
+/// (at most one per tenth of the work, and one per stage) otherwise. One thread.
+class Progress {
+ public:
+  /// Writes to `stream`, or nowhere when it is null.
+  explicit Progress(std::FILE* stream);
+  ~Progress();
+  Progress(const Progress&) = delete;
+  Progress& operator=(const Progress&) = delete;
+
+  /// `fraction` of all work done, in [0, 1], never falling; `stage`: what is being done now.
+  void update(double fraction, const std::string& stage);
+  /// Ends the line.
+  void finish();
+  /// A line for the user between updates.
+  void note(const std::string& line);
+
+ private:
+  using Clock = std::chrono::steady_clock;
+  void clear_line();
+
+  std::FILE* stream_;
+  bool is_terminal_ = false;
+  bool line_open_ = false;
+  int printed_tenths_ = -1;
+  std::string printed_stage_;
+  Clock::time_point start_ = Clock::now();
+  Clock::time_point last_print_{};
+};
+
+}  // namespace tind
