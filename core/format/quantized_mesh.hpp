@@ -1,0 +1,40 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+#include <span>
+
+#include "core/format/bytes.hpp"
+#include "core/lattice.hpp"
+#include "core/result.hpp"
+#include "core/virtual_node.hpp"
+
+namespace tind {
+
+/// Smallest step of border heights in metres. With it every multiple up to 32 km is a 32-bit float, as the header of a tile
+/// needs; a level's own step is used where it is larger.
+inline constexpr double kSmallestBorderStepM = 0x1p-9;
+
+struct QuantizedMeshOptions {
+  /// Step of border heights in metres: LevelInfo::height_step_m of the tile's level, the same for all its tiles.
+  double border_step_m = 1.0;
+  /// Write extension 1 (octvertexnormals).
+  bool normals = false;
+  /// With `normals`: all stored tiles of the level that touch this one, each once (see vertex_normals).
+  std::span<const VirtualNode> neighbours;
+};
+
+/// A tile as quantized-mesh 1.0 (github.com/CesiumGS/quantized-mesh, SPECIFICATION.md).
+///
+/// Heights: border vertices are rounded to multiples of the border step S (rounded up to a power of two), the others to the
+/// tile's own step s = S / 2^j: the smallest with 32767 s >= the tile's rounded range for which minimum and
+/// maximum = minimum + 32767 s, both multiples of s, are exact 32-bit floats. So a decoder that computes
+/// min + q / 32767 * (max - min) in double precision gets every height exactly, and (1 - t) min + t max to 4e-16 of the
+/// larger of |min|, |max|: borders decode alike from both sides. A flat tile has minimum == maximum.
+/// Positions: round_to_grid to 0..32767.
+///
+/// Fails with kCorrupt when the triangles are no triangulation or indices are out of range, with kUnsupported when the
+/// range exceeds 32767 S or a height 32 km. Pure, thread safe.
+Result<Bytes> encode_quantized_mesh(const Lattice& lattice, const VirtualNode& node,
+                                    const QuantizedMeshOptions& options);
+
+}  // namespace tind
