@@ -27,6 +27,8 @@ constexpr double kAlignPosts = 1e-3;
 /// A spacing that misses one whole part of a degree by less than this share of a post over the whole raster is a
 /// decimal rounding of it.
 constexpr double kSnapPosts = 1e-4;
+/// A raster that misses closing around the globe by less than this share of a post has a rounded spacing in its header.
+constexpr double kClosePosts = 0.1;
 
 /// Collects what GDAL would print while it lives: the first failure and the first warning. GDAL's handlers are per thread.
 class GdalErrors {
@@ -123,6 +125,14 @@ std::optional<double> metres_per_unit(const std::string& unit) {
   if (is_one_of({"cm", "centimetre", "centimeter", "centimetres", "centimeters"})) return 0.01;
   if (is_one_of({"mm", "millimetre", "millimeter", "millimetres", "millimeters"})) return 0.001;
   if (is_one_of({"km", "kilometre", "kilometer", "kilometres", "kilometers"})) return 1000.0;
+  return std::nullopt;
+}
+
+/// The spacing with which n columns (or all but a repeated last one) close exactly around the globe, if they nearly do.
+std::optional<double> closing_spacing(double spacing, std::int64_t n) {
+  for (const auto columns : {static_cast<double>(n), static_cast<double>(n - 1)}) {
+    if (std::abs(columns - 360.0 / spacing) <= kClosePosts) return 360.0 / columns;
+  }
   return std::nullopt;
 }
 
@@ -256,6 +266,13 @@ Result<Source> inspect(const std::string& path, const RasterOptions& options) {
   s.north_up = gt[5] < 0;
   s.dx = snap_spacing(gt[1], s.info.n_cols);
   s.dy = snap_spacing(std::abs(gt[5]), s.info.n_rows);
+  if (const auto closing = closing_spacing(gt[1], s.info.n_cols)) {
+    if (std::abs(*closing / s.dx - 1) * static_cast<double>(s.info.n_cols) > kAlignPosts) {
+      s.notes.push_back(fmt::format("{}: its columns reach around the globe but for {:.3f} of a post; their spacing is taken as {} degrees",
+                                    s.info.name, std::abs(360.0 / gt[1] - 360.0 / *closing), *closing));
+    }
+    s.dx = *closing;
+  }
   const double south_row = s.north_up ? static_cast<double>(s.info.n_rows) - 0.5 : 0.5;
   s.west = snap_origin(gt[0] + 0.5 * gt[1], s.dx);
   s.south = snap_origin(gt[3] + south_row * gt[5], s.dy);
