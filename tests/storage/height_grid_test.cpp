@@ -1,0 +1,397 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// Tiny worlds as text (ESRI ASCII grids, VRT) through RasterMosaic and HeightGrid; then the real files.
+#include "storage/readers/height_grid.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+#include <functional>
+#include <sstream>
+
+#include <fmt/format.h>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+namespace tind {
+namespace {
+
+namespace fs = std::filesystem;
+using ::testing::HasSubstr;
+
+constexpr char kWgs84[] = "EPSG:4326";
+
+class HeightGridTest : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    std::string name = (fs::temp_directory_path() / "tind-height-grid-XXXXXX").string();
+    ASSERT_NE(mkdtemp(name.data()), nullptr);
+    folder_ = name;
+  }
+  void TearDown() override { fs::remove_all(folder_); }
+
+  std::string write(const std::string& name, const std::string& text) {
+    std::ofstream(folder_ / name, std::ios::binary) << text;
+    return (folder_ / name).string();
+  }
+  /// An ASCII grid with posts at west + c * spacing, south + r * spacing; `height(r, c)`, row 0 southernmost.
+  std::string write_grid(const std::string& name, double west, double south, double spacing, int n_rows, int n_cols,
+                         const std::function<std::string(int, int)>& height) {
+    std::ostringstream out;
+    out << fmt::format("ncols {}\nnrows {}\nxllcenter {}\nyllcenter {}\ncellsize {}\nNODATA_value -9999\n", n_cols, n_rows, west,
+                       south, spacing);
+    for (int r = n_rows - 1; r >= 0; --r) {
+      for (int c = 0; c < n_cols; ++c) out << height(r, c) << ' ';
+      out << '\n';
+    }
+    return write(name, out.str());
+  }
+  /// A VRT over another raster: `crs` and `transform` replace its own, `band` is put into the band.
+  std::string write_vrt(const std::string& name, const std::string& over, const std::string& crs, const std::string& transform,
+                        const std::string& band, int n) {
+    return write(name, fmt::format(R"(<VRTDataset rasterXSize="{0}" rasterYSize="{0}">{1}{2}<VRTRasterBand dataType="Float32" band="1">
+{3}<SimpleSource><SourceFilename relativeToVRT="1">{4}</SourceFilename><SourceBand>1</SourceBand></SimpleSource></VRTRasterBand></VRTDataset>)",
+                                   n, crs.empty() ? "" : "<SRS>" + crs + "</SRS>",
+                                   transform.empty() ? "" : "<GeoTransform>" + transform + "</GeoTransform>", band, over));
+  }
+
+  Result<HeightGrid> load(const std::vector<std::string>& paths, int falloff = 8, double base = 0, RasterOptions options = {}) {
+    auto mosaic = RasterMosaic::open(paths, options);
+    if (!mosaic) return tl::unexpected(mosaic.error());
+    Lattice lattice;
+    lattice.level = 8;
+    lattice.height_exponent = 6;
+    return HeightGrid::load(*mosaic, lattice, {base, falloff, folder_.string()}, {});
+  }
+  /// The message of the failure; empty when there is none.
+  std::string message(const std::vector<std::string>& paths, RasterOptions options = {}) {
+    const auto grid = load(paths, 8, 0, options);
+    return grid ? "" : grid.error().message;
+  }
+
+  fs::path folder_;
+};
+
+std::string number(double v) { return fmt::format("{}", v); }
+
+/// Largest step between neighbouring posts of which at least one is no source post.
+double steepest_outside(const HeightField& f) {
+  double steepest = 0;
+  const auto compare = [&](std::int64_t r, std::int64_t c, std::int64_t rr, std::int64_t cc) {
+    if (f.origin_at(r, c) == PostOrigin::kSource && f.origin_at(rr, cc) == PostOrigin::kSource) return;
+    steepest = std::max(steepest, std::abs(f.height_at(r, c) - f.height_at(rr, cc)));
+  };
+  for (std::int64_t r = 0; r < f.n_rows; ++r) {
+    for (std::int64_t c = 0; c < f.n_cols; ++c) {
+      if (r + 1 < f.n_rows) compare(r, c, r + 1, c);
+      if (c + 1 < f.n_cols) compare(r, c, r, c + 1);
+    }
+  }
+  return steepest;
+}
+
+TEST_F(HeightGridTest, PostsKeepTheirPlaceAndHeight) {
+  const auto path = write_grid("a.asc", 10, 45, 0.01, 4, 5, [](int r, int c) { return number(100 * r + c); });
+  const auto grid = load({path});
+  ASSERT_TRUE(grid) << grid.error().message;
+  const HeightField& f = grid->field();
+  EXPECT_EQ(f.n_rows, 4 + 16);
+  EXPECT_EQ(f.n_cols, 5 + 16);
+  const double step = f.lattice.step_deg();
+  EXPECT_NEAR(f.post_x(8) * step - 180, 10, 1e-9);
+  EXPECT_NEAR(f.post_y(8) * step - 90, 45, 1e-9);
+  for (int r = 0; r < 4; ++r) {
+    for (int c = 0; c < 5; ++c) {
+      EXPECT_EQ(f.height_at(8 + r, 8 + c), 100 * r + c);
+      EXPECT_EQ(f.origin_at(8 + r, 8 + c), PostOrigin::kSource);
+    }
+  }
+  EXPECT_EQ(grid->counts().source, 20u);
+  EXPECT_EQ(grid->counts().filled, 0u);
+}
+
+TEST_F(HeightGridTest, FalloffReachesTheBaseAtItsDistanceWithoutACliff) {
+  const auto path = write_grid("a.asc", 10, 45, 0.01, 20, 20, [](int, int c) { return c < 10 ? "2000" : "0"; });
+  const auto grid = load({path}, 32, -50);
+  ASSERT_TRUE(grid) << grid.error().message;
+  const HeightField& f = grid->field();
+  for (std::int64_t r = 0; r < f.n_rows; ++r) {
+    for (std::int64_t c = 0; c < f.n_cols; ++c) {
+      const std::int64_t dr = std::max<std::int64_t>({32 - r, r - 51, 0}), dc = std::max<std::int64_t>({32 - c, c - 51, 0});
+      const PostOrigin expected = dr * dr + dc * dc == 0         ? PostOrigin::kSource
+                                  : dr * dr + dc * dc < 32 * 32 ? PostOrigin::kFalloff
+                                                                : PostOrigin::kBase;
+      ASSERT_EQ(f.origin_at(r, c), expected) << r << " " << c;
+      if (expected == PostOrigin::kBase) { ASSERT_EQ(f.height_at(r, c), -50) << r << " " << c; }
+      ASSERT_GE(f.height_at(r, c), -50);
+      ASSERT_LE(f.height_at(r, c), 2000);
+    }
+  }
+  // The nearest post jumps by 2000 m in the middle of the southern and northern side. At the cliff of the data itself the
+  // falloff cannot be smooth; four posts out it is.
+  double steepest = 0;
+  for (std::int64_t c = 0; c + 1 < f.n_cols; ++c) steepest = std::max(steepest, std::abs(f.height_at(28, c + 1) - f.height_at(28, c)));
+  EXPECT_LT(steepest, 400);
+}
+
+TEST_F(HeightGridTest, InteriorVoidContinuesAPlane) {
+  const auto path = write_grid("a.asc", 10, 45, 0.01, 30, 40, [](int r, int c) {
+    const bool hole = r >= 5 && r < 24 && c >= 6 && c < 33;
+    return hole ? std::string("-9999") : number(10 * r + 3 * c);
+  });
+  const auto grid = load({path});
+  ASSERT_TRUE(grid) << grid.error().message;
+  EXPECT_EQ(grid->counts().filled, 19u * 27u);
+  const HeightField& f = grid->field();
+  for (int r = 5; r < 24; ++r) {
+    for (int c = 6; c < 33; ++c) {
+      ASSERT_EQ(f.origin_at(8 + r, 8 + c), PostOrigin::kFilled);
+      ASSERT_NEAR(f.height_at(8 + r, 8 + c), 10 * r + 3 * c, 0.5) << r << " " << c;
+    }
+  }
+}
+
+TEST_F(HeightGridTest, InteriorVoidStaysWithinItsRim) {
+  const auto path = write_grid("a.asc", 10, 45, 0.01, 30, 30, [](int r, int c) {
+    if (r == 0 || c == 0) return std::string("8000");  // no rim of the void
+    const bool hole = (r - 15) * (r - 15) + (c - 15) * (c - 15) < 100;
+    return hole ? std::string("-9999") : number(500 + (r * 37 + c * 91) % 200);
+  });
+  const auto grid = load({path});
+  ASSERT_TRUE(grid) << grid.error().message;
+  const HeightField& f = grid->field();
+  EXPECT_GT(grid->counts().filled, 250u);
+  for (std::int64_t i = 0; i < f.n_rows * f.n_cols; ++i) {
+    if (f.origins[i] != PostOrigin::kFilled) continue;
+    ASSERT_GE(f.heights_m[i], 500);
+    ASSERT_LT(f.heights_m[i], 700);
+  }
+}
+
+TEST_F(HeightGridTest, VoidThatTouchesTheRimFallsOff) {
+  const auto path = write_grid("a.asc", 10, 45, 0.01, 40, 40, [](int, int c) { return c < 20 ? "1000" : "-9999"; });
+  const auto grid = load({path}, 10, 0);
+  ASSERT_TRUE(grid) << grid.error().message;
+  EXPECT_EQ(grid->counts().filled, 0u);
+  const HeightField& f = grid->field();
+  EXPECT_EQ(f.origin_at(30, 10 + 19), PostOrigin::kSource);
+  EXPECT_EQ(f.origin_at(30, 10 + 28), PostOrigin::kFalloff);
+  EXPECT_EQ(f.origin_at(30, 10 + 29), PostOrigin::kBase);
+  EXPECT_NEAR(f.height_at(30, 10 + 24), 500, 5);
+  EXPECT_LT(steepest_outside(f), 250);  // 100 on a straight side, more at the corners
+}
+
+TEST_F(HeightGridTest, NotANumberInfinityAndImplausibleHeightsAreVoids) {
+  const auto path = write_grid("a.asc", 10, 45, 0.01, 7, 7, [](int r, int c) {
+    if (r == 3 && c == 2) return std::string("nan");
+    if (r == 3 && c == 3) return std::string("32767");
+    if (r == 3 && c == 4) return std::string("-3.4e38");
+    return std::string("12.5");
+  });
+  const auto grid = load({path});
+  ASSERT_TRUE(grid) << grid.error().message;
+  EXPECT_EQ(grid->counts().filled, 3u);
+  EXPECT_EQ(grid->counts().implausible, 2u);
+  for (int c = 2; c <= 4; ++c) EXPECT_FLOAT_EQ(static_cast<float>(grid->field().height_at(8 + 3, 8 + c)), 12.5f);
+  EXPECT_FALSE(grid->notes().empty());
+}
+
+TEST_F(HeightGridTest, ReliefOfMarsIsKept) {
+  const auto path = write_grid("a.asc", 10, 45, 0.01, 4, 4, [](int r, int) { return r < 2 ? "-8200" : "21230"; });
+  const auto grid = load({path});
+  ASSERT_TRUE(grid) << grid.error().message;
+  EXPECT_EQ(grid->counts().source, 16u);
+}
+
+TEST_F(HeightGridTest, OverlapIsTheMeanInAnyOrderOfArguments) {
+  const auto west = write_grid("w.asc", 10, 45, 0.01, 5, 5, [](int r, int c) { return number(r + 100 * c); });
+  const auto east = write_grid("e.asc", 10.04, 45, 0.01, 5, 5, [](int r, int c) { return number(r + 400 + 100 * c + (r == 2 ? 3 : 0)); });
+  const auto a = load({west, east}), b = load({east, west, east});
+  ASSERT_TRUE(a) << a.error().message;
+  ASSERT_TRUE(b) << b.error().message;
+  const HeightField &f = a->field(), &g = b->field();
+  EXPECT_EQ(f.n_cols, 9 + 16);
+  EXPECT_EQ(a->counts().source, 45u);
+  EXPECT_EQ(a->counts().overlapping, 5u);
+  EXPECT_EQ(a->counts().disagreeing, 1u);
+  EXPECT_EQ(f.disagreement_m, 1.5);
+  EXPECT_EQ(f.height_at(8 + 2, 8 + 4), 403.5);
+  ASSERT_EQ(f.n_rows * f.n_cols, g.n_rows * g.n_cols);
+  EXPECT_EQ(std::memcmp(f.heights_m, g.heights_m, sizeof(float) * static_cast<std::size_t>(f.n_rows * f.n_cols)), 0);
+  EXPECT_EQ(std::memcmp(f.origins, g.origins, static_cast<std::size_t>(f.n_rows * f.n_cols)), 0);
+}
+
+TEST_F(HeightGridTest, UnitScaleAndOffsetOfTheFileAreHonouredAndFlagsOverride) {
+  write_grid("a.asc", 10, 45, 0.01, 4, 4, [](int r, int) { return r == 0 ? "7" : "1000"; });
+  const std::string transform = "9.995,0.01,0,45.035,0,-0.01";
+  const auto feet = write_vrt("feet.vrt", "a.asc", kWgs84, transform, "<UnitType>ft</UnitType>", 4);
+  const auto scaled = write_vrt("scaled.vrt", "a.asc", kWgs84, transform, "<Scale>0.1</Scale><Offset>5</Offset>", 4);
+  const auto odd = write_vrt("odd.vrt", "a.asc", kWgs84, transform, "<UnitType>cubits</UnitType>", 4);
+  const auto height = [&](const std::string& path, RasterOptions options) {
+    const auto grid = load({path}, 8, 0, options);
+    EXPECT_TRUE(grid) << grid.error().message;
+    return grid ? grid->field().height_at(8 + 3, 8 + 3) : 0.0;
+  };
+  EXPECT_NEAR(height(feet, {}), 304.8, 1e-4);
+  EXPECT_NEAR(height(scaled, {}), 105, 1e-4);
+  EXPECT_NEAR(height(feet, {.nodata = {}, .metres_per_unit = 2.0}), 2000, 1e-4);
+  EXPECT_NEAR(height(odd, {.nodata = {}, .metres_per_unit = 0.5}), 500, 1e-4);
+  EXPECT_THAT(message({odd}), HasSubstr("cubits"));
+  const auto grid = load({feet}, 8, 0, {.nodata = 7.0, .metres_per_unit = {}});
+  ASSERT_TRUE(grid);
+  EXPECT_EQ(grid->counts().source, 12u);
+}
+
+TEST_F(HeightGridTest, SouthUpRasterIsNotMirrored) {
+  write_grid("a.asc", 10, 45, 0.01, 4, 4, [](int r, int c) { return number(10 * r + c); });
+  // The file's first row (heights 30..33) is now the southernmost.
+  const auto path = write_vrt("up.vrt", "a.asc", kWgs84, "9.995,0.01,0,44.995,0,0.01", "", 4);
+  const auto grid = load({path});
+  ASSERT_TRUE(grid) << grid.error().message;
+  EXPECT_EQ(grid->field().height_at(8 + 0, 8 + 1), 31);
+  EXPECT_EQ(grid->field().height_at(8 + 3, 8 + 1), 1);
+}
+
+TEST_F(HeightGridTest, GlobeFromZeroTo360ClosesAndStartsAtLongitudeMinus180) {
+  const auto path = write_grid("g.asc", 5, -85, 10, 18, 36, [](int r, int c) { return number(r == 0 ? 7 : 100 * r + c); });
+  const auto mosaic = RasterMosaic::open({path}, {});
+  ASSERT_TRUE(mosaic) << mosaic.error().message;
+  EXPECT_TRUE(mosaic->wraps);
+  EXPECT_DOUBLE_EQ(mosaic->west_deg, -175);
+  const auto grid = load({path});
+  ASSERT_TRUE(grid) << grid.error().message;
+  const HeightField& f = grid->field();
+  EXPECT_EQ(f.n_cols, 36);
+  EXPECT_EQ(grid->counts().falloff, 0u);
+  EXPECT_EQ(f.height_at(3, 18), 300);  // longitude 5: the file's first column
+  EXPECT_EQ(f.height_at(3, 0), 318);
+  // Across longitude 180: between the columns of 175 (17) and 185 (18).
+  EXPECT_EQ(f.lattice_height(0, std::llround(f.post_y(3))), f.lattice.height_from_m(317.5));
+  ASSERT_TRUE(f.continues_south);
+  EXPECT_EQ(f.south_pole_m, 7);
+  for (std::int64_t x = 0; x < f.lattice.width(); x += f.lattice.width() / 7) EXPECT_EQ(f.lattice_height(x, 0), 7 * 64);
+}
+
+TEST_F(HeightGridTest, PostsOnAPoleGetOneHeight) {
+  const auto path = write_grid("g.asc", -180, -90, 10, 19, 37, [](int r, int c) { return number(r == 18 ? 100 + c % 36 : 5); });
+  const auto grid = load({path});
+  ASSERT_TRUE(grid) << grid.error().message;
+  const HeightField& f = grid->field();
+  EXPECT_EQ(f.n_cols, 36);  // the repeated last column is dropped
+  EXPECT_EQ(f.n_rows, 19);
+  EXPECT_DOUBLE_EQ(f.north_pole_m, 117.5);
+  EXPECT_DOUBLE_EQ(f.disagreement_m, 17.5);
+  for (std::int64_t c = 0; c < 36; ++c) EXPECT_EQ(f.height_at(18, c), 117.5);
+  EXPECT_FALSE(grid->notes().empty());
+}
+
+TEST_F(HeightGridTest, DataMayCrossLongitude180) {
+  const auto west = write_grid("w.asc", 179, 10, 0.1, 11, 11, [](int, int c) { return number(c); });
+  const auto east = write_grid("e.asc", -180, 10, 0.1, 11, 11, [](int, int c) { return number(10 + c); });
+  const auto grid = load({east, west});
+  ASSERT_TRUE(grid) << grid.error().message;
+  const HeightField& f = grid->field();
+  EXPECT_EQ(f.n_cols, 21 + 16);
+  EXPECT_EQ(grid->counts().disagreeing, 0u);
+  EXPECT_EQ(f.height_at(8 + 5, 8 + 20), 20);
+  const std::int64_t y = std::llround(f.post_y(8 + 5)), x = std::llround(f.post_x(8 + 15));
+  EXPECT_GT(x, f.lattice.width());
+  EXPECT_EQ(f.lattice_height(x - f.lattice.width(), y), 15 * 64);
+}
+
+TEST_F(HeightGridTest, NearlyClosedGlobeFillsTheGapFromBothSides) {
+  const auto path = write_grid("g.asc", -180, -40, 1, 60, 350, [](int, int) { return "900"; });
+  const auto grid = load({path}, 16);
+  ASSERT_TRUE(grid) << grid.error().message;
+  const HeightField& f = grid->field();
+  EXPECT_TRUE(f.wraps);
+  EXPECT_EQ(f.n_cols, 360);
+  EXPECT_GT(f.height_at(16 + 30, 355), 500);
+  EXPECT_LT(steepest_outside(f), 150);
+}
+
+TEST_F(HeightGridTest, WhatCannotBeReadIsNamed) {
+  write_grid("a.asc", 10, 45, 0.01, 4, 4, [](int, int) { return "1"; });
+  const std::string good = (folder_ / "a.asc").string(), transform = "9.995,0.01,0,45.035,0,-0.01";
+  const auto voids = write_grid("v.asc", 10, 45, 0.01, 4, 4, [](int, int) { return "-9999"; });
+  const auto other = write_grid("o.asc", 11, 45, 0.02, 4, 4, [](int, int) { return "1"; });
+  const auto aside = write_grid("s.asc", 10.002, 45, 0.01, 4, 4, [](int, int) { return "1"; });
+  EXPECT_THAT(message({(folder_ / "none.tif").string()}), HasSubstr("none.tif: no such file"));
+  EXPECT_THAT(message({write("t.tif", "no raster")}), HasSubstr("not a raster"));
+  EXPECT_THAT(message({write("e.tif", "")}), HasSubstr("is an empty file"));
+  EXPECT_THAT(message({folder_.string()}), HasSubstr("is a folder"));
+  EXPECT_THAT(message({write("e.zip", "PK")}), HasSubstr("zip"));
+  EXPECT_THAT(message({write_vrt("r.vrt", "a.asc", kWgs84, "9.995,0.01,0.001,45.035,0.001,-0.01", "", 4)}), HasSubstr("rotated"));
+  EXPECT_THAT(message({write_vrt("n.vrt", "a.asc", kWgs84, "", "", 4)}), HasSubstr("no geotransform"));
+  EXPECT_THAT(message({write_vrt("p.vrt", "a.asc", "EPSG:32611", "400000,30,0,4000000,0,-30", "", 4)}),
+              HasSubstr("gdalwarp -t_srs EPSG:4326"));
+  EXPECT_THAT(message({write_vrt("m.vrt", "a.asc", "", "400000,30,0,4000000,0,-30", "", 4)}), HasSubstr("no CRS"));
+  EXPECT_THAT(message({voids}), HasSubstr("every post is a void"));
+  EXPECT_THAT(message({good, other}), HasSubstr("degrees apart"));
+  EXPECT_THAT(message({good, aside}), HasSubstr("do not lie on the grid"));
+  EXPECT_THAT(message({}), HasSubstr("no input"));
+  EXPECT_EQ(message({good}), "");
+}
+
+TEST_F(HeightGridTest, DamagedFileFailsInsteadOfGivingHeights) {
+  std::ifstream in(fs::path(TIND_TEST_DATA) / "sangre_de_cristo.tif", std::ios::binary);
+  std::string bytes((std::istreambuf_iterator<char>(in)), {});
+  ASSERT_GT(bytes.size(), 700000u);
+  std::fill_n(bytes.begin() + 600000, 20000, '\xff');
+  const auto grid = load({write("damaged.tif", bytes)});
+  ASSERT_FALSE(grid);
+  EXPECT_EQ(grid.error().kind, ErrorKind::kIo);
+  EXPECT_THAT(grid.error().message, HasSubstr("truncated or damaged"));
+}
+
+TEST_F(HeightGridTest, UnusableScratchFolderIsAnError) {
+  const auto path = write_grid("a.asc", 10, 45, 0.01, 4, 4, [](int, int) { return "1"; });
+  const auto mosaic = RasterMosaic::open({path}, {});
+  ASSERT_TRUE(mosaic);
+  const auto grid = HeightGrid::load(*mosaic, Lattice{}, {0, 8, (folder_ / "none").string()}, {});
+  ASSERT_FALSE(grid);
+  EXPECT_EQ(grid.error().kind, ErrorKind::kIo);
+}
+
+TEST_F(HeightGridTest, BundledDemIsReadPostByPost) {
+  const std::string path = (fs::path(TIND_TEST_DATA) / "sangre_de_cristo.tif").string();
+  const auto mosaic = RasterMosaic::open({path}, {});
+  ASSERT_TRUE(mosaic) << mosaic.error().message;
+  EXPECT_EQ(mosaic->west_deg, -106);
+  EXPECT_EQ(mosaic->south_deg, 37);
+  EXPECT_EQ(mosaic->lon_spacing_deg, 1.0 / 1200);
+  EXPECT_EQ(mosaic->sources[0].name, "sangre_de_cristo.tif");
+  EXPECT_EQ(mosaic->sources[0].sha256, "6c99b39c8d8c23aabf37b2bf93de2594d6e39ff534a117bf465eebcb4ea9dedd");
+  const auto grid = load({path}, 64);
+  ASSERT_TRUE(grid) << grid.error().message;
+  EXPECT_EQ(grid->counts().source, 2401u * 1201u);
+  const HeightField& f = grid->field();
+  EXPECT_EQ(f.height_at(64 + 1200 - 508, 64 + 617), 4322);  // Blanca Peak, row 508 from the north
+  EXPECT_EQ(f.height_at(0, 0), 0);
+}
+
+TEST_F(HeightGridTest, FourSierraTilesMakeOneGrid) {
+  const fs::path folder = fs::path(TIND_SHARED_DATA) / "raster/sierra-2x2";
+  if (!fs::exists(folder)) GTEST_SKIP() << "needs " << folder;
+  std::vector<std::string> paths;
+  for (const auto& entry : fs::directory_iterator(folder)) paths.push_back(entry.path().string());
+  const auto grid = load(paths, 64);
+  ASSERT_TRUE(grid) << grid.error().message;
+  EXPECT_EQ(grid->counts().source, 2401u * 2401u);
+  EXPECT_EQ(grid->counts().overlapping, 2u * 2401u - 1u);
+  EXPECT_GT(grid->counts().disagreeing, 0u);
+  EXPECT_LE(grid->field().disagreement_m, 0.5);
+}
+
+TEST_F(HeightGridTest, ZippedTileWithVoidsGrowsNoCliff) {
+  const fs::path path = fs::path(TIND_SHARED_DATA) / "raster/coast-voids/N43E007.hgt.zip";
+  if (!fs::exists(path)) GTEST_SKIP() << "needs " << path;
+  const auto grid = load({path.string()}, 64);
+  ASSERT_TRUE(grid) << grid.error().message;
+  EXPECT_GT(grid->counts().filled, 1500u);
+  EXPECT_LT(steepest_outside(grid->field()), 262);  // the steepest step of the source posts themselves is 261 m
+}
+
+}  // namespace
+}  // namespace tind
