@@ -32,7 +32,7 @@ double sample(const HeightField& f, double x, double y, bool snap) {
   const double width = static_cast<double>(f.lattice.width()), height = static_cast<double>(f.lattice.height());
   const double north_y = f.post_y(f.n_rows - 1);
   // The fast way out: most of a globe is base.
-  const bool beyond_south = y < f.y0 - kSnapSteps, beyond_north = y > north_y + kSnapSteps;
+  const bool beyond_south = y<f.y0 - kSnapSteps, beyond_north = y> north_y + kSnapSteps;
   if ((beyond_south && !f.continues_south) || (beyond_north && !f.continues_north)) return f.base_height_m;
 
   double east = x - f.x0;

@@ -30,7 +30,8 @@ constexpr double kSnapPosts = 1e-4;
 /// A raster that misses closing around the globe by less than this share of a post has a rounded spacing in its header.
 constexpr double kClosePosts = 0.1;
 
-/// Collects what GDAL would print while it lives: the first failure and the first warning. GDAL's handlers are per thread.
+/// Collects what GDAL would print while it lives: the first failure and the first warning. GDAL's handlers are per
+/// thread.
 class GdalErrors {
  public:
   GdalErrors() { CPLPushErrorHandlerEx(&GdalErrors::handle, this); }
@@ -102,7 +103,8 @@ Result<std::string> raster_in_zip(const Source& s) {
   std::vector<std::string> rasters;
   for (int i = 0; i < entries.Count(); ++i) {
     const std::string name = root + "/" + entries[i];
-    if (name.back() != '/' && GDALIdentifyDriverEx(name.c_str(), GDAL_OF_RASTER, nullptr, nullptr)) rasters.push_back(name);
+    if (name.back() != '/' && GDALIdentifyDriverEx(name.c_str(), GDAL_OF_RASTER, nullptr, nullptr))
+      rasters.push_back(name);
   }
   if (rasters.size() == 1) return rasters[0];
   if (entries.Count() == 0) return bad(s, "not a zip archive, or an empty or truncated one");
@@ -119,7 +121,8 @@ std::optional<double> metres_per_unit(const std::string& unit) {
   };
   if (is_one_of({"", "m", "metre", "metres", "meter", "meters"})) return 1.0;
   if (is_one_of({"ft", "foot", "feet", "international foot", "international feet"})) return 0.3048;
-  if (is_one_of({"us survey foot", "us survey feet", "foot us", "ftus", "us ft", "us foot", "u.s. survey foot", "survey foot"}))
+  if (is_one_of({"us survey foot", "us survey feet", "foot us", "ftus", "us ft", "us foot", "u.s. survey foot",
+                 "survey foot"}))
     return 1200.0 / 3937.0;
   if (is_one_of({"dm", "decimetre", "decimeter", "decimetres", "decimeters"})) return 0.1;
   if (is_one_of({"cm", "centimetre", "centimeter", "centimetres", "centimeters"})) return 0.01;
@@ -154,25 +157,30 @@ Result<void> read_crs(Source& s) {
     const double east = s.west + s.dx * static_cast<double>(s.info.n_cols - 1);
     const double north = s.south + s.dy * static_cast<double>(s.info.n_rows - 1);
     if (s.west < -361 || east > 541 || s.south < -91 || north > 91) {
-      return bad(s, "no CRS, and its coordinates are not degrees; give it one with gdal_translate -a_srs, then gdalwarp "
-                    "-t_srs EPSG:4326");
+      return bad(s,
+                 "no CRS, and its coordinates are not degrees; give it one with gdal_translate -a_srs, then gdalwarp "
+                 "-t_srs EPSG:4326");
     }
     s.notes.push_back(fmt::format("{}: no CRS; its degrees are taken as EPSG:4326", s.info.name));
     return {};
   }
   if (!crs->IsGeographic() || crs->IsDerivedGeographic()) {
-    return bad(s, fmt::format("CRS \"{}\" is not geographic; warp it first: gdalwarp -t_srs EPSG:4326 -r bilinear IN OUT",
-                              crs->GetName() ? crs->GetName() : "?"));
+    return bad(s,
+               fmt::format("CRS \"{}\" is not geographic; warp it first: gdalwarp -t_srs EPSG:4326 -r bilinear IN OUT",
+                           crs->GetName() ? crs->GetName() : "?"));
   }
   constexpr double kDegree = 0.0174532925199433;
   if (std::abs(crs->GetAngularUnits() / kDegree - 1) > 1e-9 || std::abs(crs->GetPrimeMeridian()) > 1e-12) {
     return bad(s, "its CRS does not count degrees from Greenwich; warp it first: gdalwarp -t_srs EPSG:4326 IN OUT");
   }
   if (crs->GetSemiMajor() < 6370000 || crs->GetSemiMajor() > 6385000) {
-    s.notes.push_back(fmt::format("{}: not a CRS of the Earth; its latitudes and longitudes are used as they are", s.info.name));
+    s.notes.push_back(
+        fmt::format("{}: not a CRS of the Earth; its latitudes and longitudes are used as they are", s.info.name));
   } else if (const char* datum = crs->GetAttrValue("DATUM"); datum != nullptr && std::strstr(datum, "1927")) {
-    s.notes.push_back(fmt::format("{}: datum {} is taken as WGS 84 without a shift (it may be off by 100 m; gdalwarp "
-                                  "-t_srs EPSG:4326 shifts it)", s.info.name, datum));
+    s.notes.push_back(
+        fmt::format("{}: datum {} is taken as WGS 84 without a shift (it may be off by 100 m; gdalwarp "
+                    "-t_srs EPSG:4326 shifts it)",
+                    s.info.name, datum));
   }
   if (const char* datum = crs->GetAttrValue("VERT_CS")) s.vertical_datum = datum;
   return {};
@@ -193,7 +201,9 @@ Result<void> read_vertical(Source& s, GDALRasterBand& band, const RasterOptions&
     }
   } else if (const std::string unit = band.GetUnitType(); !unit.empty()) {
     const auto known = metres_per_unit(unit);
-    if (!known) return bad(s, fmt::format("vertical unit \"{}\" is not known; say how many metres it has", unit));
+    if (!known)
+      return bad(
+          s, fmt::format("vertical unit \"{}\" is not known; say how many metres it has with --metres-per-unit", unit));
     factor = *known;
   } else if (const auto* crs = s.dataset->GetSpatialRef(); crs != nullptr && crs->GetAttrNode("VERT_CS")) {
     const double vertical = crs->GetTargetLinearUnits("VERT_CS", nullptr);
@@ -203,7 +213,8 @@ Result<void> read_vertical(Source& s, GDALRasterBand& band, const RasterOptions&
   const double scale = band.GetScale(&has_scale), offset = band.GetOffset(&has_offset);
   s.scale = (has_scale ? scale : 1.0) * factor;
   s.offset = (has_offset ? offset : 0.0) * factor;
-  if (!std::isfinite(s.scale) || s.scale == 0 || !std::isfinite(s.offset)) return bad(s, "its scale or offset is broken");
+  if (!std::isfinite(s.scale) || s.scale == 0 || !std::isfinite(s.offset))
+    return bad(s, "its scale or offset is broken");
   return {};
 }
 
@@ -245,16 +256,18 @@ Result<Source> inspect(const std::string& path, const RasterOptions& options) {
   s.info.n_rows = s.dataset->GetRasterYSize();
   if (s.info.n_cols < 2 || s.info.n_rows < 2) return bad(s, "needs at least 2 x 2 posts");
   if (s.dataset->GetRasterCount() > 1) {
-    s.notes.push_back(fmt::format("{}: {} bands; heights are read from band 1", s.info.name, s.dataset->GetRasterCount()));
+    s.notes.push_back(
+        fmt::format("{}: {} bands; heights are read from band 1", s.info.name, s.dataset->GetRasterCount()));
   }
   GDALRasterBand& band = *s.dataset->GetRasterBand(1);
   if (GDALDataTypeIsComplex(band.GetRasterDataType())) return bad(s, "band 1 holds complex numbers, not heights");
 
   double gt[6];
   if (s.dataset->GetGeoTransform(gt) != CE_None) {
-    return bad(s, s.dataset->GetGCPCount() > 0 ? "placed by ground control points; warp it first: gdalwarp -t_srs EPSG:4326 IN OUT"
-                                               : "has no geotransform, so nothing says where it lies; set one with "
-                                                 "gdal_translate -a_ullr");
+    return bad(s, s.dataset->GetGCPCount() > 0
+                      ? "placed by ground control points; warp it first: gdalwarp -t_srs EPSG:4326 IN OUT"
+                      : "has no geotransform, so nothing says where it lies; set one with "
+                        "gdal_translate -a_ullr");
   }
   const double pixel = std::max(std::abs(gt[1]), std::abs(gt[5]));
   if (std::abs(gt[2]) > 1e-9 * pixel || std::abs(gt[4]) > 1e-9 * pixel) {
@@ -268,8 +281,9 @@ Result<Source> inspect(const std::string& path, const RasterOptions& options) {
   s.dy = snap_spacing(std::abs(gt[5]), s.info.n_rows);
   if (const auto closing = closing_spacing(gt[1], s.info.n_cols)) {
     if (std::abs(*closing / s.dx - 1) * static_cast<double>(s.info.n_cols) > kAlignPosts) {
-      s.notes.push_back(fmt::format("{}: its columns reach around the globe but for {:.3f} of a post; their spacing is taken as {} degrees",
-                                    s.info.name, std::abs(360.0 / gt[1] - 360.0 / *closing), *closing));
+      s.notes.push_back(fmt::format(
+          "{}: its columns reach around the globe but for {:.3f} of a post; their spacing is taken as {} degrees",
+          s.info.name, std::abs(360.0 / gt[1] - 360.0 / *closing), *closing));
     }
     s.dx = *closing;
   }
@@ -287,7 +301,8 @@ Result<Source> inspect(const std::string& path, const RasterOptions& options) {
   s.info.n_used_cols = s.info.n_cols;
   if (s.info.n_used_rows < 2 || s.west < -361 || s.west > 361) return bad(s, "lies outside the globe's degrees");
   if (s.info.n_used_rows < s.info.n_rows) {
-    s.notes.push_back(fmt::format("{}: {} rows beyond a pole are left out", s.info.name, s.info.n_rows - s.info.n_used_rows));
+    s.notes.push_back(
+        fmt::format("{}: {} rows beyond a pole are left out", s.info.name, s.info.n_rows - s.info.n_used_rows));
   }
   s.south += static_cast<double>(s.skip_south) * s.dy;
   s.west -= 360.0 * std::floor((s.west + 180.0 + kAlignPosts * s.dx) / 360.0);
@@ -335,8 +350,9 @@ Result<void> place(RasterMosaic& m, std::vector<Source>& sources) {
     const double cols_off = std::abs(s.dx / dx - 1) * static_cast<double>(s.info.n_cols);
     const double rows_off = std::abs(s.dy / first.dy - 1) * static_cast<double>(s.info.n_rows);
     if (cols_off > kAlignPosts || rows_off > kAlignPosts) {
-      return bad(s, fmt::format("its posts are {} x {} degrees apart, those of {} {} x {}; resample first: gdalwarp -tr", s.dx,
-                                s.dy, first.info.name, dx, first.dy));
+      return bad(
+          s, fmt::format("its posts are {} x {} degrees apart, those of {} {} x {}; resample first: gdalwarp -tr", s.dx,
+                         s.dy, first.info.name, dx, first.dy));
     }
     const double row = (s.south - first.south) / first.dy;
     // The same meridian has two names near longitude 180: take the one that lies on the grid.
@@ -346,7 +362,8 @@ Result<void> place(RasterMosaic& m, std::vector<Source>& sources) {
       if (std::abs(other - std::round(other)) < std::abs(col - std::round(col)) - kAlignPosts) col = other;
     }
     if (std::abs(row - std::round(row)) > kAlignPosts || std::abs(col - std::round(col)) > kAlignPosts) {
-      return bad(s, fmt::format("its posts do not lie on the grid of {}; resample first: gdalwarp -tap -tr", first.info.name));
+      return bad(
+          s, fmt::format("its posts do not lie on the grid of {}; resample first: gdalwarp -tap -tr", first.info.name));
     }
     s.info.grid_row = std::llround(row);
     s.info.grid_col = std::llround(col);
@@ -364,8 +381,10 @@ Result<void> place(RasterMosaic& m, std::vector<Source>& sources) {
       high = std::max(high, s.info.grid_col + s.info.n_used_cols);
     }
     if (static_cast<double>(high - low) > 360.0 / dx) {
-      return fail(ErrorKind::kInvalidInput, fmt::format("{}: reaches around the globe, but 360 degrees are not a whole number of posts; "
-                                                        "resample first: gdalwarp -tr", first.info.path));
+      return fail(ErrorKind::kInvalidInput,
+                  fmt::format("{}: reaches around the globe, but 360 degrees are not a whole number of posts; "
+                              "resample first: gdalwarp -tr",
+                              first.info.path));
     }
     for (Source& s : sources) s.info.grid_col -= low;
     m.west_deg = first.west + static_cast<double>(low) * dx;
@@ -388,7 +407,8 @@ Result<void> place(RasterMosaic& m, std::vector<Source>& sources) {
       s.info.grid_col = col < 0 ? col + n_around : col;
       arcs.push_back({s.info.grid_col, s.info.grid_col + s.info.n_used_cols});
     }
-    std::sort(arcs.begin(), arcs.end(), [](const Arc& a, const Arc& b) { return std::tie(a.begin, a.end) < std::tie(b.begin, b.end); });
+    std::sort(arcs.begin(), arcs.end(),
+              [](const Arc& a, const Arc& b) { return std::tie(a.begin, a.end) < std::tie(b.begin, b.end); });
     // The mosaic starts after the widest gap; no gap: it closes around the globe.
     std::int64_t reach = arcs.front().end;
     for (const Arc& a : arcs) reach = std::max(reach, a.end);
@@ -441,14 +461,15 @@ Result<RasterMosaic> RasterMosaic::open(const std::vector<std::string>& paths, c
     m.sources.push_back(s.info);
     m.notes.insert(m.notes.end(), s.notes.begin(), s.notes.end());
     if (s.vertical_datum != sources.front().vertical_datum) {
-      m.notes.push_back(fmt::format("{}: its vertical datum differs from that of {}", s.info.name, sources.front().info.name));
+      m.notes.push_back(
+          fmt::format("{}: its vertical datum differs from that of {}", s.info.name, sources.front().info.name));
     }
   }
   return m;
 }
 
-Result<void> RasterMosaic::read_rows(std::size_t index, std::int64_t first_row, std::int64_t n, std::vector<float>& heights_m,
-                                     std::uint64_t& n_implausible) const {
+Result<void> RasterMosaic::read_rows(std::size_t index, std::int64_t first_row, std::int64_t n,
+                                     std::vector<float>& heights_m, std::uint64_t& n_implausible) const {
   Source& s = impl_->sources[index];
   const std::int64_t n_used_cols = s.info.n_used_cols;
   if (!s.dataset) {
@@ -463,13 +484,15 @@ Result<void> RasterMosaic::read_rows(std::size_t index, std::int64_t first_row, 
   std::vector<std::uint8_t> mask(s.has_mask ? n_values : 0);
   const int x_size = static_cast<int>(n_used_cols), y_size = static_cast<int>(n), y_off = static_cast<int>(file_row);
   GDALRasterBand& band = *s.dataset->GetRasterBand(1);
-  CPLErr status = band.RasterIO(GF_Read, 0, y_off, x_size, y_size, raw.data(), x_size, y_size, GDT_Float64, 0, 0, nullptr);
+  CPLErr status =
+      band.RasterIO(GF_Read, 0, y_off, x_size, y_size, raw.data(), x_size, y_size, GDT_Float64, 0, 0, nullptr);
   if (status == CE_None && s.has_mask) {
-    status = band.GetMaskBand()->RasterIO(GF_Read, 0, y_off, x_size, y_size, mask.data(), x_size, y_size, GDT_Byte, 0, 0, nullptr);
+    status = band.GetMaskBand()->RasterIO(GF_Read, 0, y_off, x_size, y_size, mask.data(), x_size, y_size, GDT_Byte, 0,
+                                          0, nullptr);
   }
   if (status != CE_None || errors.failed()) {
-    return fail(ErrorKind::kIo, fmt::format("{}: reading rows {} to {} failed: the file is truncated or damaged{}", s.info.path,
-                                            file_row, file_row + n - 1, errors.detail()));
+    return fail(ErrorKind::kIo, fmt::format("{}: reading rows {} to {} failed: the file is truncated or damaged{}",
+                                            s.info.path, file_row, file_row + n - 1, errors.detail()));
   }
   heights_m.resize(n_values);
   constexpr float kVoid = std::numeric_limits<float>::quiet_NaN();

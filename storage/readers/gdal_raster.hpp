@@ -29,8 +29,8 @@ struct RasterSource {
   std::int64_t grid_row = 0, grid_col = 0, n_used_rows = 0, n_used_cols = 0;
 };
 
-/// One or more geographic rasters on one common grid of posts (a post is a cell's centre). Sources are kept in a canonical
-/// order that does not depend on the order of the arguments. One thread at a time.
+/// One or more geographic rasters on one common grid of posts (a post is a cell's centre). Sources are kept in a
+/// canonical order that does not depend on the order of the arguments. One thread at a time.
 class RasterMosaic {
  public:
   /// Opens and checks all inputs: readable, a band of real numbers, not rotated, geographic CRS (no CRS with plausible
@@ -44,9 +44,9 @@ class RasterMosaic {
   double west_deg = 0, south_deg = 0;  ///< Post (row 0 = southernmost, column 0 = westernmost); -180 <= west < 180.
   double lon_spacing_deg = 0, lat_spacing_deg = 0;
   std::int64_t n_cols = 0, n_rows = 0;  ///< Of the union's bounding grid.
-  bool wraps = false;          ///< The columns close around the globe (repeated columns are dropped).
+  bool wraps = false;                   ///< The columns close around the globe (repeated columns are dropped).
   std::vector<RasterSource> sources;
-  std::string vertical_datum;  ///< What the first file says the heights are, else "unknown".
+  std::string vertical_datum;      ///< What the first file says the heights are, else "unknown".
   std::vector<std::string> notes;  ///< Lines for the user: assumptions made.
 
   /// Heights in metres of rows [first_row, first_row + n) of the used posts of source `s`, row-major, southernmost row
@@ -61,8 +61,8 @@ class RasterMosaic {
   std::unique_ptr<Impl> impl_;
 };
 
-/// No solid body that tind could meet has relief beyond this (Mars: -8 to 21 km); what lies beyond is an undeclared void
-/// marker such as 32767 or -32768.
+/// No solid body that tind could meet has relief beyond this (Mars: -8 to 21 km); what lies beyond is an undeclared
+/// void marker such as 32767 or -32768.
 inline constexpr double kMaxHeightM = 30000.0;
 
 }  // namespace tind

@@ -130,7 +130,8 @@ Result<std::int64_t> HeightGrid::Impl::lay_out(const RasterMosaic& mosaic, const
       falloff = std::max<std::int64_t>(rim_x, 1);
       grid.n_cols = mosaic.n_cols + 2 * rim_x;
       frame.west_col = rim_x;
-      notes.push_back(fmt::format("the data nearly closes around the globe: the falloff is {} posts instead of {}", falloff, wanted));
+      notes.push_back(fmt::format("the data nearly closes around the globe: the falloff is {} posts instead of {}",
+                                  falloff, wanted));
     }
   }
   frame.east_col = grid.wraps ? grid.n_cols - 1 : frame.west_col + mosaic.n_cols - 1;
@@ -159,7 +160,8 @@ Result<std::int64_t> HeightGrid::Impl::lay_out(const RasterMosaic& mosaic, const
   field.n_rows = grid.n_rows;
   field.n_cols = grid.n_cols;
   field.wraps = grid.wraps;
-  field.dx = grid.wraps ? static_cast<double>(lattice.width()) / static_cast<double>(grid.n_cols) : mosaic.lon_spacing_deg / step;
+  field.dx = grid.wraps ? static_cast<double>(lattice.width()) / static_cast<double>(grid.n_cols)
+                        : mosaic.lon_spacing_deg / step;
   field.dy = mosaic.lat_spacing_deg / step;
   field.x0 = (mosaic.west_deg + 180.0) / step - static_cast<double>(rim_x) * field.dx;
   if (field.x0 < 0) field.x0 += static_cast<double>(lattice.width());
@@ -181,9 +183,11 @@ Result<void> HeightGrid::Impl::merge(const RasterMosaic& mosaic, const std::func
     strip.clear();
     for (std::size_t s = 0; s < mosaic.sources.size(); ++s) {
       const RasterSource& source = mosaic.sources[s];
-      const std::int64_t from = std::max(begin, source.grid_row), to = std::min(end, source.grid_row + source.n_used_rows);
+      const std::int64_t from = std::max(begin, source.grid_row),
+                         to = std::min(end, source.grid_row + source.n_used_rows);
       if (from >= to) continue;
-      if (auto read = mosaic.read_rows(s, from - source.grid_row, to - from, heights, counts.implausible); !read) return read;
+      if (auto read = mosaic.read_rows(s, from - source.grid_row, to - from, heights, counts.implausible); !read)
+        return read;
       for (std::int64_t r = from; r < to; ++r) {
         const float* row = heights.data() + (r - from) * source.n_used_cols;
         const std::size_t row_at = static_cast<std::size_t>(r - begin) * n_cols;
@@ -241,7 +245,8 @@ double HeightGrid::Impl::settle_pole(std::int64_t row, bool on_pole) {
   }
   if (moved > 0) {
     field.disagreement_m = std::max(field.disagreement_m, moved);
-    notes.push_back(fmt::format("the posts on a pole are one point but differ by up to {:.2f} m from their mean, which is used", moved));
+    notes.push_back(fmt::format(
+        "the posts on a pole are one point but differ by up to {:.2f} m from their mean, which is used", moved));
   }
   return pole;
 }
@@ -254,11 +259,12 @@ const HeightField& HeightGrid::field() const { return impl_->field; }
 const HeightGridCounts& HeightGrid::counts() const { return impl_->counts; }
 const std::vector<std::string>& HeightGrid::notes() const { return impl_->notes; }
 
-Result<HeightGrid> HeightGrid::load(const RasterMosaic& mosaic, const Lattice& lattice, const HeightGridOptions& options,
-                                    const std::function<void(double)>& progress) {
+Result<HeightGrid> HeightGrid::load(const RasterMosaic& mosaic, const Lattice& lattice,
+                                    const HeightGridOptions& options, const std::function<void(double)>& progress) {
   if (options.falloff_posts < 1) return fail(ErrorKind::kInvalidInput, "the falloff needs at least 1 post");
   if (!(std::abs(options.base_height_m) <= kMaxHeightM)) {
-    return fail(ErrorKind::kInvalidInput, fmt::format("base height {} m is beyond +-{} m", options.base_height_m, kMaxHeightM));
+    return fail(ErrorKind::kInvalidInput,
+                fmt::format("base height {} m is beyond +-{} m", options.base_height_m, kMaxHeightM));
   }
   HeightGrid result(std::make_unique<Impl>());
   Impl& impl = *result.impl_;
@@ -266,12 +272,16 @@ Result<HeightGrid> HeightGrid::load(const RasterMosaic& mosaic, const Lattice& l
   if (!falloff) return tl::unexpected(falloff.error());
   if (auto merged = impl.merge(mosaic, progress); !merged) return tl::unexpected(merged.error());
   if (impl.counts.source == 0) {
-    return fail(ErrorKind::kInvalidInput, fmt::format("{}: every post is a void; check the nodata value and the vertical unit",
-                                                      mosaic.sources.front().path));
+    return fail(
+        ErrorKind::kInvalidInput,
+        fmt::format(
+            "{}: every post is a void; check the nodata value (--nodata) and the vertical unit (--metres-per-unit)",
+            mosaic.sources.front().path));
   }
   if (impl.counts.implausible > 0) {
-    impl.notes.push_back(fmt::format("{} posts beyond +-{} m are taken as voids; declare the nodata value if that is what they are",
-                                     impl.counts.implausible, kMaxHeightM));
+    impl.notes.push_back(
+        fmt::format("{} posts beyond +-{} m are taken as voids (--nodata declares the value that marks them)",
+                    impl.counts.implausible, kMaxHeightM));
   }
   impl.counts.filled = fill_interior_voids(impl.grid, impl.frame);
   if (progress) progress(0.8);

@@ -28,9 +28,9 @@ struct HeightGridCounts {
   std::uint64_t implausible = 0;  ///< Source values beyond +-kMaxHeightM, taken as voids.
 };
 
-/// The extended grid of posts behind a HeightField: owns the memory map of an unlinked scratch file whose disk space was
-/// reserved first (so a full disk is an error message, never a SIGBUS). Resident memory is the operating system's page
-/// cache. docs/decisions/0002-height-field.md states the rules.
+/// The extended grid of posts behind a HeightField: owns the memory map of an unlinked scratch file whose disk space
+/// was reserved first (so a full disk is an error message, never a SIGBUS). Resident memory is the operating system's
+/// page cache. docs/decisions/0002-height-field.md states the rules.
 class HeightGrid {
  public:
   /// Reads the mosaic, merges overlaps, fills interior voids, adds the falloff. `progress(fraction)`, if not empty, is
@@ -42,7 +42,7 @@ class HeightGrid {
   HeightGrid& operator=(HeightGrid&&) noexcept;
   ~HeightGrid();
 
-  const HeightField& field() const;              ///< Valid as long as this object.
+  const HeightField& field() const;  ///< Valid as long as this object.
   const HeightGridCounts& counts() const;
   const std::vector<std::string>& notes() const;  ///< Lines for the user: what was assumed or changed.
 

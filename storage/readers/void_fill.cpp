@@ -54,14 +54,17 @@ std::vector<Run> find_runs(const PostGrid& grid, const DataFrame& frame, std::ve
   return runs;
 }
 
-/// Membrane over one window: known cells are fixed, unknown ones become the mean of their neighbours, absent ones are not
-/// part of it. Row-major; `closed`: the columns wrap.
+/// Membrane over one window: known cells are fixed, unknown ones become the mean of their neighbours, absent ones are
+/// not part of it. Row-major; `closed`: the columns wrap.
 class Membrane {
  public:
   enum Kind : std::uint8_t { kAbsent, kKnown, kUnknown };
 
   Membrane(std::int64_t n_rows, std::int64_t n_cols, bool closed)
-      : n_rows_(n_rows), n_cols_(n_cols), closed_(closed), value_(static_cast<std::size_t>(n_rows * n_cols)),
+      : n_rows_(n_rows),
+        n_cols_(n_cols),
+        closed_(closed),
+        value_(static_cast<std::size_t>(n_rows * n_cols)),
         kind_(static_cast<std::size_t>(n_rows * n_cols), kAbsent) {}
 
   void set_known(std::int64_t r, std::int64_t c, float value) { value_[at(r, c)] = value, kind_[at(r, c)] = kKnown; }
@@ -237,8 +240,8 @@ void relax_falloff(PostGrid& grid) {
   }
 }
 
-/// The nearest post with a height for every void post of one row: squared distances from one-dimensional ones (Meijster,
-/// Roerdink, Hesselink 2000, "A general algorithm for computing distance transforms in linear time").
+/// The nearest post with a height for every void post of one row: squared distances from one-dimensional ones
+/// (Meijster, Roerdink, Hesselink 2000, "A general algorithm for computing distance transforms in linear time").
 class NearestInRow {
  public:
   struct Site {
@@ -294,7 +297,8 @@ std::uint64_t fill_interior_voids(PostGrid& grid, const DataFrame& frame) {
   DisjointSets sets(runs.size());
   for (std::size_t row = 0; row + 1 < row_start.size(); ++row) {
     const std::size_t begin = row_start[row], end = row_start[row + 1];
-    if (grid.wraps && end > begin && runs[begin].begin == 0 && runs[end - 1].end == grid.n_cols) sets.unite(begin, end - 1);
+    if (grid.wraps && end > begin && runs[begin].begin == 0 && runs[end - 1].end == grid.n_cols)
+      sets.unite(begin, end - 1);
     if (row == 0) continue;
     for (std::size_t below = row_start[row - 1], here = begin; below < begin && here < end;) {
       if (runs[below].begin < runs[here].end && runs[here].begin < runs[below].end) sets.unite(below, here);
@@ -308,7 +312,8 @@ std::uint64_t fill_interior_voids(PostGrid& grid, const DataFrame& frame) {
   std::vector<bool> outside(runs.size(), false);
   for (std::size_t i = 0; i < runs.size(); ++i) {
     const Run& run = runs[i];
-    const bool at_rim = (run.row == frame.south_row && frame.open_south) || (run.row == frame.north_row && frame.open_north) ||
+    const bool at_rim = (run.row == frame.south_row && frame.open_south) ||
+                        (run.row == frame.north_row && frame.open_north) ||
                         (!grid.wraps && (run.begin == frame.west_col || run.end == frame.east_col + 1));
     if (at_rim) outside[sets.root(i)] = true;
   }
@@ -317,7 +322,8 @@ std::uint64_t fill_interior_voids(PostGrid& grid, const DataFrame& frame) {
   for (std::size_t i = 0; i < runs.size(); ++i) {
     if (!outside[sets.root(i)]) order.push_back(i);
   }
-  std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) { return sets.root(a) < sets.root(b); });
+  std::stable_sort(order.begin(), order.end(),
+                   [&](std::size_t a, std::size_t b) { return sets.root(a) < sets.root(b); });
   std::uint64_t n_filled = 0;
   std::vector<Run> members;
   for (std::size_t i = 0; i < order.size();) {
@@ -327,8 +333,8 @@ std::uint64_t fill_interior_voids(PostGrid& grid, const DataFrame& frame) {
     fill_void(grid, frame, members);
   }
   for (const std::size_t i : order) {
-    std::fill(grid.origins + runs[i].row * grid.n_cols + runs[i].begin, grid.origins + runs[i].row * grid.n_cols + runs[i].end,
-              PostOrigin::kFilled);
+    std::fill(grid.origins + runs[i].row * grid.n_cols + runs[i].begin,
+              grid.origins + runs[i].row * grid.n_cols + runs[i].end, PostOrigin::kFilled);
     n_filled += static_cast<std::uint64_t>(runs[i].end - runs[i].begin);
   }
   return n_filled;

@@ -16,22 +16,23 @@ struct PostGrid {
   PostOrigin* origins = nullptr;
 };
 
-/// The bounding grid of the data inside a PostGrid (inclusive), and on which sides the world goes on beyond it (a pole is
-/// the end of the world, a grid that wraps has none in x).
+/// The bounding grid of the data inside a PostGrid (inclusive), and on which sides the world goes on beyond it (a pole
+/// is the end of the world, a grid that wraps has none in x).
 struct DataFrame {
   std::int64_t south_row = 0, north_row = 0, west_col = 0, east_col = 0;
   bool open_south = true, open_north = true;
 };
 
-/// Fills the voids that do not touch an open side of the frame (4-connected) with a membrane (Laplace's equation with the
-/// void's rim as boundary), solved from coarse to fine: no value leaves the range of the rim. Sets kFilled.
-/// Returns the number of posts filled. Deterministic. Memory: the bounding window of one void at a time.
+/// Fills the voids that do not touch an open side of the frame (4-connected) with a membrane (Laplace's equation with
+/// the void's rim as boundary), solved from coarse to fine: no value leaves the range of the rim. Sets kFilled. Returns
+/// the number of posts filled. Deterministic. Memory: the bounding window of one void at a time.
 std::uint64_t fill_interior_voids(PostGrid& grid, const DataFrame& frame);
 
 /// Gives every remaining void post its height: the nearest post that has one (Euclidean distance d in posts), pulled
 /// linearly to the base height at d = falloff_posts, then kFalloffSweeps relaxation sweeps over these posts alone (data
-/// and base stay), so that no cliff stands where the nearest post jumps. Posts at d >= falloff_posts are the base exactly.
-/// Sets kFalloff or leaves kBase. Returns the number of kFalloff posts. Deterministic. Precondition: falloff_posts >= 1.
+/// and base stay), so that no cliff stands where the nearest post jumps. Posts at d >= falloff_posts are the base
+/// exactly. Sets kFalloff or leaves kBase. Returns the number of kFalloff posts. Deterministic. Precondition:
+/// falloff_posts >= 1.
 std::uint64_t add_falloff(PostGrid& grid, double base_height_m, std::int64_t falloff_posts);
 
 /// Relaxation sweeps of add_falloff: they spread a jump over some ten posts.

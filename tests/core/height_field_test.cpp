@@ -57,7 +57,8 @@ TEST(HeightField, LatticePointHasTheHeightOfThePostThatRoundsToIt) {
   const HeightField& f = o.field;
   for (std::int64_t r = 0; r < 2; ++r) {
     for (std::int64_t c = 0; c < 3; ++c) {
-      EXPECT_EQ(f.lattice_height(std::llround(f.post_x(c)), std::llround(f.post_y(r))), 16 * std::lround(f.height_at(r, c)));
+      EXPECT_EQ(f.lattice_height(std::llround(f.post_x(c)), std::llround(f.post_y(r))),
+                16 * std::lround(f.height_at(r, c)));
     }
   }
 }
@@ -68,7 +69,8 @@ TEST(HeightField, LatticePointThatRoundsOntoARowIsSampledOnIt) {
   const std::int64_t x = 1050, y = std::llround(f.post_y(1));
   EXPECT_EQ(f.lattice_height(x, y), f.lattice.height_from_m(f.sample_m(static_cast<double>(x), f.post_y(1))));
   // One step off the row it is an ordinary sample.
-  EXPECT_EQ(f.lattice_height(x, y - 1), f.lattice.height_from_m(f.sample_m(static_cast<double>(x), static_cast<double>(y - 1))));
+  EXPECT_EQ(f.lattice_height(x, y - 1),
+            f.lattice.height_from_m(f.sample_m(static_cast<double>(x), static_cast<double>(y - 1))));
 }
 
 TEST(HeightField, IsPeriodicAroundTheGlobe) {

@@ -39,8 +39,8 @@ class HeightGridTest : public ::testing::Test {
   std::string write_grid(const std::string& name, double west, double south, double spacing, int n_rows, int n_cols,
                          const std::function<std::string(int, int)>& height) {
     std::ostringstream out;
-    out << fmt::format("ncols {}\nnrows {}\nxllcenter {}\nyllcenter {}\ncellsize {}\nNODATA_value -9999\n", n_cols, n_rows, west,
-                       south, spacing);
+    out << fmt::format("ncols {}\nnrows {}\nxllcenter {}\nyllcenter {}\ncellsize {}\nNODATA_value -9999\n", n_cols,
+                       n_rows, west, south, spacing);
     for (int r = n_rows - 1; r >= 0; --r) {
       for (int c = 0; c < n_cols; ++c) out << height(r, c) << ' ';
       out << '\n';
@@ -48,15 +48,18 @@ class HeightGridTest : public ::testing::Test {
     return write(name, out.str());
   }
   /// A VRT over another raster: `crs` and `transform` replace its own, `band` is put into the band.
-  std::string write_vrt(const std::string& name, const std::string& over, const std::string& crs, const std::string& transform,
-                        const std::string& band, int n) {
-    return write(name, fmt::format(R"(<VRTDataset rasterXSize="{0}" rasterYSize="{0}">{1}{2}<VRTRasterBand dataType="Float32" band="1">
+  std::string write_vrt(const std::string& name, const std::string& over, const std::string& crs,
+                        const std::string& transform, const std::string& band, int n) {
+    return write(
+        name,
+        fmt::format(R"(<VRTDataset rasterXSize="{0}" rasterYSize="{0}">{1}{2}<VRTRasterBand dataType="Float32" band="1">
 {3}<SimpleSource><SourceFilename relativeToVRT="1">{4}</SourceFilename><SourceBand>1</SourceBand></SimpleSource></VRTRasterBand></VRTDataset>)",
-                                   n, crs.empty() ? "" : "<SRS>" + crs + "</SRS>",
-                                   transform.empty() ? "" : "<GeoTransform>" + transform + "</GeoTransform>", band, over));
+                    n, crs.empty() ? "" : "<SRS>" + crs + "</SRS>",
+                    transform.empty() ? "" : "<GeoTransform>" + transform + "</GeoTransform>", band, over));
   }
 
-  Result<HeightGrid> load(const std::vector<std::string>& paths, int falloff = 8, double base = 0, RasterOptions options = {}) {
+  Result<HeightGrid> load(const std::vector<std::string>& paths, int falloff = 8, double base = 0,
+                          RasterOptions options = {}) {
     auto mosaic = RasterMosaic::open(paths, options);
     if (!mosaic) return tl::unexpected(mosaic.error());
     Lattice lattice;
@@ -118,20 +121,24 @@ TEST_F(HeightGridTest, FalloffReachesTheBaseAtItsDistanceWithoutACliff) {
   const HeightField& f = grid->field();
   for (std::int64_t r = 0; r < f.n_rows; ++r) {
     for (std::int64_t c = 0; c < f.n_cols; ++c) {
-      const std::int64_t dr = std::max<std::int64_t>({32 - r, r - 51, 0}), dc = std::max<std::int64_t>({32 - c, c - 51, 0});
-      const PostOrigin expected = dr * dr + dc * dc == 0         ? PostOrigin::kSource
+      const std::int64_t dr = std::max<std::int64_t>({32 - r, r - 51, 0}),
+                         dc = std::max<std::int64_t>({32 - c, c - 51, 0});
+      const PostOrigin expected = dr * dr + dc * dc == 0        ? PostOrigin::kSource
                                   : dr * dr + dc * dc < 32 * 32 ? PostOrigin::kFalloff
                                                                 : PostOrigin::kBase;
       ASSERT_EQ(f.origin_at(r, c), expected) << r << " " << c;
-      if (expected == PostOrigin::kBase) { ASSERT_EQ(f.height_at(r, c), -50) << r << " " << c; }
+      if (expected == PostOrigin::kBase) {
+        ASSERT_EQ(f.height_at(r, c), -50) << r << " " << c;
+      }
       ASSERT_GE(f.height_at(r, c), -50);
       ASSERT_LE(f.height_at(r, c), 2000);
     }
   }
-  // The nearest post jumps by 2000 m in the middle of the southern and northern side. At the cliff of the data itself the
-  // falloff cannot be smooth; four posts out it is.
+  // The nearest post jumps by 2000 m in the middle of the southern and northern side. At the cliff of the data itself
+  // the falloff cannot be smooth; four posts out it is.
   double steepest = 0;
-  for (std::int64_t c = 0; c + 1 < f.n_cols; ++c) steepest = std::max(steepest, std::abs(f.height_at(28, c + 1) - f.height_at(28, c)));
+  for (std::int64_t c = 0; c + 1 < f.n_cols; ++c)
+    steepest = std::max(steepest, std::abs(f.height_at(28, c + 1) - f.height_at(28, c)));
   EXPECT_LT(steepest, 400);
 }
 
@@ -206,7 +213,8 @@ TEST_F(HeightGridTest, ReliefOfMarsIsKept) {
 
 TEST_F(HeightGridTest, OverlapIsTheMeanInAnyOrderOfArguments) {
   const auto west = write_grid("w.asc", 10, 45, 0.01, 5, 5, [](int r, int c) { return number(r + 100 * c); });
-  const auto east = write_grid("e.asc", 10.04, 45, 0.01, 5, 5, [](int r, int c) { return number(r + 400 + 100 * c + (r == 2 ? 3 : 0)); });
+  const auto east = write_grid("e.asc", 10.04, 45, 0.01, 5, 5,
+                               [](int r, int c) { return number(r + 400 + 100 * c + (r == 2 ? 3 : 0)); });
   const auto a = load({west, east}), b = load({east, west, east});
   ASSERT_TRUE(a) << a.error().message;
   ASSERT_TRUE(b) << b.error().message;
@@ -254,7 +262,8 @@ TEST_F(HeightGridTest, SouthUpRasterIsNotMirrored) {
 }
 
 TEST_F(HeightGridTest, GlobeFromZeroTo360ClosesAndStartsAtLongitudeMinus180) {
-  const auto path = write_grid("g.asc", 5, -85, 10, 18, 36, [](int r, int c) { return number(r == 0 ? 7 : 100 * r + c); });
+  const auto path =
+      write_grid("g.asc", 5, -85, 10, 18, 36, [](int r, int c) { return number(r == 0 ? 7 : 100 * r + c); });
   const auto mosaic = RasterMosaic::open({path}, {});
   ASSERT_TRUE(mosaic) << mosaic.error().message;
   EXPECT_TRUE(mosaic->wraps);
@@ -274,7 +283,8 @@ TEST_F(HeightGridTest, GlobeFromZeroTo360ClosesAndStartsAtLongitudeMinus180) {
 }
 
 TEST_F(HeightGridTest, PostsOnAPoleGetOneHeight) {
-  const auto path = write_grid("g.asc", -180, -90, 10, 19, 37, [](int r, int c) { return number(r == 18 ? 100 + c % 36 : 5); });
+  const auto path =
+      write_grid("g.asc", -180, -90, 10, 19, 37, [](int r, int c) { return number(r == 18 ? 100 + c % 36 : 5); });
   const auto grid = load({path});
   ASSERT_TRUE(grid) << grid.error().message;
   const HeightField& f = grid->field();
@@ -322,7 +332,8 @@ TEST_F(HeightGridTest, WhatCannotBeReadIsNamed) {
   EXPECT_THAT(message({write("e.tif", "")}), HasSubstr("is an empty file"));
   EXPECT_THAT(message({folder_.string()}), HasSubstr("is a folder"));
   EXPECT_THAT(message({write("e.zip", "PK")}), HasSubstr("zip"));
-  EXPECT_THAT(message({write_vrt("r.vrt", "a.asc", kWgs84, "9.995,0.01,0.001,45.035,0.001,-0.01", "", 4)}), HasSubstr("rotated"));
+  EXPECT_THAT(message({write_vrt("r.vrt", "a.asc", kWgs84, "9.995,0.01,0.001,45.035,0.001,-0.01", "", 4)}),
+              HasSubstr("rotated"));
   EXPECT_THAT(message({write_vrt("n.vrt", "a.asc", kWgs84, "", "", 4)}), HasSubstr("no geotransform"));
   EXPECT_THAT(message({write_vrt("p.vrt", "a.asc", "EPSG:32611", "400000,30,0,4000000,0,-30", "", 4)}),
               HasSubstr("gdalwarp -t_srs EPSG:4326"));
