@@ -16,6 +16,7 @@
 #include <tuple>
 #include <unordered_map>
 
+#include "core/format/quantized_mesh.hpp"
 #include "core/tessellation.hpp"
 #include "core/triangulator.hpp"
 #include "storage/builder/ordered_pipeline.hpp"
@@ -121,18 +122,29 @@ TileCoverage coverage_of(const HeightField& field, const TileKey& key) {
 // Smallest power of two s with at most 32767 steps between the tile's lowest and highest height, both rounded outwards.
 double height_step_m(const Lattice& lattice, const TileStats& stats) {
   const double low = lattice.height_m(stats.min_z), high = lattice.height_m(stats.max_z);
-  double step = lattice.height_unit_m();
+  double step = kSmallestBorderStepM;
   while (std::ceil(high / step) - std::floor(low / step) > kHeightSteps) step *= 2;
-  while ((std::ceil(high / (step / 2)) - std::floor(low / (step / 2))) <= kHeightSteps && step > std::ldexp(1.0, -16)) {
-    step /= 2;
-  }
   return step;
+}
+
+// Whether a lattice point lies beyond the data: its nearest post is falloff or base.
+bool is_outside(const HeightField& field, std::int64_t x, std::int64_t y) {
+  const std::int64_t r = std::llround((static_cast<double>(y) - field.y0) / field.dy);
+  if (r < 0 || r >= field.n_rows) return true;
+  for (const double turn : {-1.0, 0.0, 1.0}) {
+    const double shifted = static_cast<double>(x) + turn * static_cast<double>(field.lattice.width());
+    const std::int64_t c = std::llround((shifted - field.x0) / field.dx);
+    if (c < 0 || c >= field.n_cols) continue;
+    const PostOrigin origin = field.origin_at(r, c);
+    if (origin == PostOrigin::kSource || origin == PostOrigin::kFilled) return false;
+  }
+  return true;
 }
 
 struct TileResult {
   Bytes value;
   TileStats stats;
-  std::uint64_t n_interior = 0, n_inserted = 0, n_triangles = 0;
+  std::uint64_t n_interior = 0, n_inserted = 0, n_triangles = 0, n_outside = 0;
   std::string error;
 };
 
@@ -335,6 +347,8 @@ class PyramidBuilder {
     add_runs(key, body);
     result.stats = body.stats;
     result.n_interior = body.interior.size();
+    const std::int64_t side = field_.lattice.tile_side(key.level);
+    for (const LocalVertex& v : body.interior) result.n_outside += is_outside(field_, side * key.x + v.x, side * key.y + v.y);
     result.n_inserted = surface.n_inserted;
     result.n_triangles = body.triangles.size();
     result.value = pack_value(encode_body(body));
@@ -343,15 +357,19 @@ class PyramidBuilder {
 
   // Corner and edge values, made where they are written: they are slices of the lines.
   Bytes border_value(const PieceKey& key, LevelInfo& info, LevelBreakdown& parts) const {
+    const std::int64_t side = field_.lattice.tile_side(key.level);
     if (key.kind == PieceKind::kCorner) {
-      const std::int64_t side = field_.lattice.tile_side(key.level);
       ++parts.corners;
+      parts.outside += is_outside(field_, side * key.i, side * key.j);
       return pack_value(encode_corner({field_.lattice_height(side * key.i, side * key.j)}));
     }
     const bool vertical = key.kind == PieceKind::kEdgeV;
     const auto part = vertical ? lines_.side(true, key.level, key.i, key.j) : lines_.side(false, key.level, key.j, key.i);
     const EdgeChain edge = edge_of_level(part, key.level);
     parts.border += edge.inner.size();
+    for (const EdgeVertex& v : edge.inner) {
+      parts.outside += is_outside(field_, side * key.i + (vertical ? 0 : v.t), side * key.j + (vertical ? v.t : 0));
+    }
     info.n_seed_vertices += static_cast<std::uint64_t>(spec_.seed_segments[key.level] - 1);
     return pack_value(encode_edge(edge));
   }
@@ -396,6 +414,7 @@ class PyramidBuilder {
       if (!append(pieces[next_piece++], tile.value)) return false;
       coverage.push_back(tile.stats.coverage);
       parts.inserted += tile.n_inserted;
+      parts.outside += tile.n_outside;
       parts.inherited += tile.n_interior - tile.n_inserted;
       info.n_triangles += tile.n_triangles;
       info.n_posts += tile.stats.n_posts;

@@ -29,12 +29,13 @@ struct BuildOptions {
   const std::atomic<bool>* cancel = nullptr;  ///< Set by a signal handler: stop, leave nothing behind.
 };
 
-/// What one level's vertices are there for. Sums to LevelInfo::n_vertices.
+/// What one level's vertices are there for: corners, border, inherited and inserted sum to LevelInfo::n_vertices.
 struct LevelBreakdown {
   std::uint64_t corners = 0;
   std::uint64_t border = 0;     ///< Inside edges, seeds among them.
   std::uint64_t inherited = 0;  ///< Interior: the parents' vertices and seeds.
   std::uint64_t inserted = 0;   ///< Interior: by greedy insertion.
+  std::uint64_t outside = 0;    ///< Of all of these, those beyond the data.
   double seconds = 0;
 };
 

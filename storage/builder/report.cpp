@@ -35,6 +35,7 @@ std::string report_json(const BuildReport& report) {
                       {"vertices_seed", info.n_seed_vertices},
                       {"vertices_inherited", parts.inherited},
                       {"vertices_inserted", parts.inserted},
+                      {"vertices_outside", parts.outside},
                       {"triangles", info.n_triangles},
                       {"percent_of_posts", percent_of_posts(info.n_vertices, report)},
                       {"posts", info.n_posts},
