@@ -1,0 +1,246 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// The promise itself: |TIN - h| <= E_L at every source post.
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "tests/client/checks.hpp"
+#include "tests/client/parallel.hpp"
+#include "tests/client/post_scan.hpp"
+#include "tests/client/tessellate.hpp"
+
+namespace tind::client {
+namespace {
+
+SurfacePoint surface_point(const Vertex& v, double unit_m) {
+  return {static_cast<double>(v.x), static_cast<double>(v.y), v.z * unit_m};
+}
+
+/// Judges one post and counts what only fails because the sources disagree.
+class Judge {
+ public:
+  Judge(const Run& run, const TileId& id, Check& check, std::string situation)
+      : run_(run), posts_(*run.posts), id_(id), check_(check), situation_(std::move(situation)),
+        tolerance_m_(run.tolerance_m(id.level)) {}
+  Judge(const Judge&) = delete;
+  Judge& operator=(const Judge&) = delete;
+  ~Judge() {
+    check_.looked_at(looked_at_);
+    if (n_disputed_ > 0) {
+      check_.note(fmt::format("tile {}: {} post(s) are beyond E_L only where the sources themselves disagree (by up to {} m)", id_.text(),
+                              n_disputed_, run_.manifest.disagreement_m));
+    }
+  }
+
+  void see(std::int64_t row, std::int64_t column, double z_m) {
+    const std::int64_t at = row * posts_.n_cols + column;
+    const auto height = static_cast<double>(posts_.heights_m[static_cast<std::size_t>(at)]);
+    if (std::isnan(height)) return;
+    ++looked_at_;
+    const PostErrors errors = post_errors(posts_, at, z_m);
+    worst_ = std::max(worst_, errors.nearest);
+    const double allowed = tolerance_m_ + error_slack_m(posts_, height);
+    if (errors.farthest <= allowed) return;
+    const bool disputed = posts_.other_values.contains(at);
+    if (disputed && errors.farthest <= allowed + run_.manifest.disagreement_m) {
+      ++n_disputed_;
+      return;
+    }
+    check_.fail(fmt::format("tile {}{}: post at longitude {:.6f}, latitude {:.6f}: source {} m, TIN {:.3f} m, off by {:.3f} m > E_L {:.3f} m",
+                            id_.text(), situation_.empty() ? "" : " " + situation_, posts_.longitude_deg(column),
+                            posts_.latitude_deg(row), height, z_m, errors.farthest, tolerance_m_));
+  }
+  double worst() const { return worst_; }
+
+ private:
+  const Run& run_;
+  const SourcePosts& posts_;
+  TileId id_;
+  Check& check_;
+  std::string situation_;
+  double tolerance_m_;
+  std::uint64_t looked_at_ = 0, n_disputed_ = 0;
+  double worst_ = 0;
+};
+
+/// Statistics of the posts that a tile's body counts, as ranges where the sources disagree.
+struct TileStatistics {
+  std::uint64_t n_posts = 0;
+  double max_low = 0, max_high = 0, squares_low = 0, squares_high = 0;
+  double rmse_low() const { return n_posts > 0 ? std::sqrt(squares_low / static_cast<double>(n_posts)) : 0; }
+  double rmse_high() const { return n_posts > 0 ? std::sqrt(squares_high / static_cast<double>(n_posts)) : 0; }
+};
+
+/// True iff west <= X < east for a real position, a post within `nudge` of a line lying on it.
+bool in_half_open(double position, double side, double nudge) { return position >= -nudge && position < side - nudge; }
+
+void compare_stored(Run& run, const Tile& tile, const TileStatistics& s) {
+  Check& check = run.check("stored-error");
+  check.looked_at();
+  const std::string name = "tile " + tile.id.text() + ": ";
+  const double slack = 1e-5 * (1 + s.max_high) + (run.posts->rounded ? 1e-3 : 0);
+  const auto stored_max = static_cast<double>(tile.max_error_m), stored_rmse = static_cast<double>(tile.rmse_m);
+  if (tile.n_posts != s.n_posts) {
+    check.fail(fmt::format("{}says {} source posts, the source has {} in it", name, tile.n_posts, s.n_posts));
+  } else if (stored_max < s.max_low - slack || stored_max > s.max_high + slack) {
+    check.fail(fmt::format("{}says max error {:.6f} m, measured {:.6f} m", name, stored_max, s.max_high));
+  } else if (stored_rmse < s.rmse_low() - slack || stored_rmse > s.rmse_high() + slack) {
+    check.fail(fmt::format("{}says RMSE {:.6f} m, measured {:.6f} m", name, stored_rmse, s.rmse_high()));
+  }
+}
+
+/// Measures one tile as stored.
+TileStatistics measure_tile(Run& run, const Tile& tile, std::vector<double>& surface) {
+  const SourcePosts& posts = *run.posts;
+  const LatticeFrame& frame = run.manifest.frame;
+  const double unit = frame.unit_m(), side = static_cast<double>(frame.side(tile.id.level));
+  Check& check = run.check("source-error");
+  Judge judge(run, tile.id, check, "");
+  TileStatistics s;
+  for (const PostWindow& w : post_windows(posts, frame, tile.id)) {
+    surface.assign(static_cast<std::size_t>(w.n_rows * w.n_columns), std::numeric_limits<double>::quiet_NaN());
+    for (const Corners& t : tile.triangles) {
+      const std::array<SurfacePoint, 3> p = {surface_point(tile.vertices[t[0]], unit), surface_point(tile.vertices[t[1]], unit),
+                                             surface_point(tile.vertices[t[2]], unit)};
+      scan_triangle(p, w, [&](std::int64_t r, std::int64_t c, double z) { surface[static_cast<std::size_t>(r * w.n_columns + c)] = z; });
+    }
+    for (std::int64_t r = 0; r < w.n_rows; ++r) {
+      for (std::int64_t c = 0; c < w.n_columns; ++c) {
+        const std::int64_t at = (w.row0 + r) * posts.n_cols + w.column0 + c;
+        if (std::isnan(posts.heights_m[static_cast<std::size_t>(at)])) continue;
+        const double z = surface[static_cast<std::size_t>(r * w.n_columns + c)];
+        if (std::isnan(z)) {
+          check.fail(fmt::format("tile {}: no triangle holds the post at longitude {:.6f}, latitude {:.6f}", tile.id.text(),
+                                 posts.longitude_deg(w.column0 + c), posts.latitude_deg(w.row0 + r)));
+          continue;
+        }
+        judge.see(w.row0 + r, w.column0 + c, z);
+        if (!in_half_open(w.post_x(c), side, w.nudge) || !in_half_open(w.post_y(r), side, w.nudge)) continue;
+        const PostErrors errors = post_errors(posts, at, z);
+        ++s.n_posts;
+        s.max_low = std::max(s.max_low, errors.nearest);
+        s.max_high = std::max(s.max_high, errors.farthest);
+        s.squares_low += errors.nearest * errors.nearest;
+        s.squares_high += errors.farthest * errors.farthest;
+      }
+    }
+  }
+  return s;
+}
+
+/// Source posts that a level's half-open tiles can hold: all but those on the north pole.
+std::uint64_t posts_below_the_pole(const SourcePosts& posts) {
+  std::uint64_t n = posts.n_posts;
+  for (std::int64_t r = posts.n_rows - 1; r >= 0 && posts.latitude_deg(r) > 90 - 1e-9; --r) {
+    for (std::int64_t c = 0; c < posts.n_cols; ++c) {
+      n -= std::isnan(posts.heights_m[static_cast<std::size_t>(r * posts.n_cols + c)]) ? 0 : 1;
+    }
+  }
+  return n;
+}
+
+}  // namespace
+
+void check_source_errors(Run& run) {
+  Check& check = run.check("source-error");
+  if (run.posts == nullptr) {
+    check.skip("no --source was given");
+    run.check("stored-error").skip("no --source was given");
+    return;
+  }
+  const auto& nodes = run.pyramid.nodes();
+  std::vector<TileStatistics> by_level(run.report.levels.size());
+  for_each_parallel(nodes.size(), run.options.threads, [&](std::size_t k) {
+    if (nodes[k].tile == nullptr) return;
+    std::vector<double> surface;
+    const TileStatistics s = measure_tile(run, *nodes[k].tile, surface);
+    compare_stored(run, *nodes[k].tile, s);
+    const std::lock_guard lock(run.figures_mutex);
+    TileStatistics& sum = by_level[static_cast<std::size_t>(nodes[k].id.level)];
+    sum.n_posts += s.n_posts;
+    sum.max_high = std::max(sum.max_high, s.max_high);
+    sum.squares_high += s.squares_high;
+  });
+  const std::uint64_t expected = posts_below_the_pole(*run.posts);
+  for (std::size_t l = 0; l < by_level.size(); ++l) {
+    LevelFigures& figures = run.figures(static_cast<int>(l));
+    figures.posts = by_level[l].n_posts;
+    figures.measured_max_error_m = by_level[l].max_high;
+    figures.measured_rmse_m = by_level[l].rmse_high();
+    if (!run.pyramid.is_sample() && by_level[l].n_posts != expected) {
+      check.fail(fmt::format("level {}: tiles hold {} of the source's {} posts", l, by_level[l].n_posts, expected));
+    }
+  }
+  if (run.posts->disagreement_m > 0) {
+    check.note(fmt::format("the sources disagree with each other by up to {} m at {} posts; the manifest says {} m from the field",
+                           run.posts->disagreement_m, run.posts->other_values.size(), run.manifest.disagreement_m));
+  }
+  if (run.manifest.disagreement_m > run.posts->disagreement_m + 1e-3) {
+    check.fail(fmt::format("the manifest claims the sources disagree by {} m, they differ by at most {} m", run.manifest.disagreement_m,
+                           run.posts->disagreement_m));
+  }
+}
+
+double scan_changed_triangles(const Run& run, const TileId& id, const TessellatedTile& mesh, Check& check,
+                              const std::string& situation) {
+  const double unit = run.manifest.frame.unit_m();
+  Judge judge(run, id, check, situation);
+  for (const PostWindow& w : post_windows(*run.posts, run.manifest.frame, id)) {
+    for (std::size_t k = mesh.first_changed; k < mesh.triangles.size(); ++k) {
+      const Corners& t = mesh.triangles[k];
+      const std::array<SurfacePoint, 3> p = {surface_point(mesh.vertices[t[0]], unit), surface_point(mesh.vertices[t[1]], unit),
+                                             surface_point(mesh.vertices[t[2]], unit)};
+      scan_triangle(p, w, [&](std::int64_t r, std::int64_t c, double z) { judge.see(w.row0 + r, w.column0 + c, z); });
+    }
+  }
+  return judge.worst();
+}
+
+void check_tessellated_errors(Run& run) {
+  Check& check = run.check("tessellated-error");
+  if (run.posts == nullptr) return check.skip("no --source was given");
+  const Pyramid& pyramid = run.pyramid;
+  const auto& nodes = pyramid.nodes();
+  std::atomic<bool> any{false};
+  for_each_parallel(nodes.size(), run.options.threads, [&](std::size_t k) {
+    const Node& node = nodes[k];
+    if (node.tile == nullptr || post_windows(*run.posts, pyramid.frame(), node.id).empty()) return;
+    // All four sides at once against what stands beyond them down to level L + gap; deeper gaps until nothing new comes.
+    for (int gap = 1;; ++gap) {
+      std::array<std::optional<SideInserts>, 4> sides;
+      bool new_depth = false;
+      for (int b = 0; b < 4; ++b) {
+        const std::int32_t beyond = node.neighbours[static_cast<std::size_t>(b)];
+        if (beyond < 0 || !pyramid.node(beyond).splittable()) continue;
+        const auto line = pyramid.line_beyond(node, b, beyond, [&](std::int32_t index) {
+          const int level = pyramid.node(index).id.level;
+          new_depth = new_depth || level + 1 == node.id.level + gap;
+          return level < node.id.level + gap;
+        });
+        auto inserts = decode_by_entry_levels(*node.tile, b, line);
+        if (inserts) {
+          sides[static_cast<std::size_t>(b)] = std::move(*inserts);
+        } else {
+          check.fail(inserts.error());
+        }
+      }
+      if (!new_depth) break;
+      any = true;
+      const auto mesh = tessellate(*node.tile, sides);
+      if (!mesh) {
+        check.fail(mesh.error());
+        break;
+      }
+      if (mesh->changed_vts == 0) continue;
+      const double error = scan_changed_triangles(run, node.id, *mesh, check, fmt::format("against level {}", node.id.level + gap));
+      const std::lock_guard lock(run.figures_mutex);
+      LevelFigures& figures = run.figures(node.id.level);
+      figures.tessellated_max_error_m = std::max(figures.tessellated_max_error_m.value_or(0), error);
+    }
+  });
+  if (!any) check.skip("no tile with source posts has a finer neighbour");
+}
+
+}  // namespace tind::client
