@@ -1,0 +1,39 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "core/result.hpp"
+#include "core/virtual_node.hpp"
+#include "storage/manifest.hpp"
+#include "storage/tile_store.hpp"
+
+namespace tind {
+
+/// One open .tind file under its name. Const access is thread safe.
+struct Dataset {
+  std::string name;  ///< The file's stem.
+  TileStore store;
+  Manifest manifest;
+  std::string manifest_json;
+  std::string version;  ///< 16 hex digits; changes with the file's manifest and with the daemon's version.
+};
+
+/// Opens a file. Fails as TileStore::open and decode_manifest do, and with kInvalidInput on a name that a route has.
+Result<Dataset> open_dataset(const std::string& path);
+
+/// Reads and assembles a tile. nullopt: not stored. kCorrupt: a piece is missing or broken.
+Result<std::optional<VirtualNode>> load_tile(const Dataset& dataset, const TileStore::Snapshot& snapshot,
+                                             const TileKey& key);
+
+/// The stored tiles of the same level that touch `key`, itself not included, wrapping in x, each once.
+Result<std::vector<VirtualNode>> load_neighbours(const Dataset& dataset, const TileStore::Snapshot& snapshot,
+                                                 const TileKey& key);
+
+/// 16 hex digits of the 64-bit FNV-1a hash of the texts, one after another.
+std::string fingerprint(std::initializer_list<std::string_view> texts);
+
+}  // namespace tind
