@@ -574,6 +574,7 @@ Result<BuildReport> build_pyramid(const BuildOptions& options, Progress& progres
   const auto grid = HeightGrid::load(*mosaic, lattice, grid_options,
                                      [&](double fraction) { progress.update(kReadShare * fraction, "reading"); });
   if (!grid) return tl::unexpected(grid.error());
+  for (const std::string& note : grid->notes()) progress.note(note);
 
   BuildReport report;
   report.read_seconds = seconds_since(start);
