@@ -29,8 +29,10 @@ Result<VirtualNode> assemble(const Lattice& lattice, const TileKey& key, TilePie
     if (edge.inner.size() != body.n_side[static_cast<std::size_t>(b)]) {
       return misfit(key, "the body counts other border vertices than the edge has");
     }
-    if (!edge.inner.empty() && (edge.inner.front().t <= 0 || edge.inner.back().t >= side)) {
-      return misfit(key, "an edge vertex lies outside its side");
+    std::int64_t before = 0;
+    for (const EdgeVertex& v : edge.inner) {
+      if (v.t <= before || v.t >= side) return misfit(key, "edge vertices do not ascend inside their side");
+      before = v.t;
     }
     n_ring += edge.inner.size();
   }
