@@ -110,6 +110,9 @@ class TileRefiner {
 
   // ---- posts -------------------------------------------------------------------------------------------------------
 
+  // Degrees carry about 1e-13 of rounding: a post this close to a tile's side, in lattice steps, lies on it.
+  double nudge() const { return 1e-5 + 1e-13 * static_cast<double>(field_.lattice.width()); }
+
   void make_windows() {
     const double width = static_cast<double>(field_.lattice.width()), side = static_cast<double>(side_);
     for (const double turn : {-width, 0.0, width}) {
@@ -117,11 +120,11 @@ class TileRefiner {
       w.dx = field_.dx;
       w.dy = field_.dy;
       const double x0 = field_.x0 + turn - static_cast<double>(west_), y0 = field_.y0 - static_cast<double>(south_);
-      const auto first = [](double origin, double step) {
-        return std::max<std::int64_t>(0, static_cast<std::int64_t>(std::ceil(-origin / step)));
+      const auto first = [this](double origin, double step) {
+        return std::max<std::int64_t>(0, static_cast<std::int64_t>(std::ceil((-origin - nudge()) / step)));
       };
-      const auto last = [side](double origin, double step, std::int64_t n) {
-        return std::min<std::int64_t>(n - 1, static_cast<std::int64_t>(std::floor((side - origin) / step)));
+      const auto last = [this, side](double origin, double step, std::int64_t n) {
+        return std::min<std::int64_t>(n - 1, static_cast<std::int64_t>(std::floor((side - origin + nudge()) / step)));
       };
       w.field_col = first(x0, w.dx);
       w.field_row = first(y0, w.dy);
@@ -438,16 +441,16 @@ class TileRefiner {
     for (const PostWindow& w : windows_) {
       if (w.is_grid()) continue;
       std::vector<bool> seen(static_cast<std::size_t>(w.n_cols * w.n_rows), false);
-      const auto s = static_cast<double>(side_);
+      const double end = static_cast<double>(side_) - nudge();
       for (Face f : cdt_.finite_face_handles()) {
         const Plane plane = plane_of(f);
         for_rows(f, w, [&](std::int64_t r, std::int64_t c_first, std::int64_t c_last) {
           const double y = w.y(r);
-          if (y >= s) return;
+          if (y >= end) return;
           const float* heights = field_row(w, r);
           const PostOrigin* origins = field_.origins + (heights - field_.heights_m);
           for (std::int64_t c = c_first; c <= c_last; ++c) {
-            if (origins[c] != PostOrigin::kSource || w.x(c) >= s) continue;
+            if (origins[c] != PostOrigin::kSource || w.x(c) >= end) continue;
             const auto at = static_cast<std::size_t>(r * w.n_cols + c);
             if (seen[at]) continue;
             seen[at] = true;
