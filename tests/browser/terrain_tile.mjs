@@ -142,7 +142,8 @@ function checkHeader(tile) {
     const alpha = Math.acos(Math.min(1, (s[0] * toward[0] + s[1] * toward[1] + s[2] * toward[2]) / length));
     const angle = alpha + Math.acos(1 / Math.max(1, length));
     const needed = angle < Math.PI / 2 ? 1 / Math.cos(angle) : 1e100;
-    if (reach < needed * (1 - 1e-9)) assert.fail(`vertex ${i} can be seen where the occlusion point ${reach} is hidden: ${needed} needed`);
+    // A vertex on the ellipsoid itself has length 1 up to rounding, so beta up to 2e-8.
+    if (reach < needed * (1 - 1e-7)) assert.fail(`vertex ${i} can be seen where the occlusion point ${reach} is hidden: ${needed} needed`);
   }
 }
 
