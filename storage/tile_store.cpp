@@ -88,6 +88,7 @@ Result<TileStore> TileStore::open(const std::string& path) {
   auto impl = std::make_unique<Impl>();
   impl->path = path;
   const auto not_tind = [&] { return fail(ErrorKind::kCorrupt, path + ": not a .tind file, or a damaged one"); };
+  if (info.st_size == 0) return not_tind();  // LMDB would call it missing
   if (const int code = mdb_env_create(&impl->env)) return tl::unexpected(lmdb_error(path, "opening", code));
   // Map the file, not the terabyte of address space that its writer reserved.
   if (const int code = mdb_env_set_mapsize(impl->env, static_cast<std::size_t>(info.st_size))) {
