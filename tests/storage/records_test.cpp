@@ -1,0 +1,255 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// Records, values and manifests: what was encoded comes back, and no bytes at all crash a decoder or make it ask for memory
+// out of proportion.
+#include <algorithm>
+#include <functional>
+
+#include <gtest/gtest.h>
+
+#include "core/format/vn.hpp"
+#include "core/tessellation.hpp"
+#include "storage/manifest.hpp"
+#include "storage/piece_blob.hpp"
+#include "storage/zstd_codec.hpp"
+#include "tests/support/memory_watch.hpp"
+#include "tests/support/test_field.hpp"
+#include "tests/support/test_tile.hpp"
+
+namespace tind::test {
+namespace {
+
+constexpr TileKey kTile{5, 20, 13};
+
+const TestTile& real_tile() {
+  static const TestTile tile = [] {
+    const TestField f(place_over(5, 20, 13, 7, 2600.7, 3), rough_terrain(8, 1500));
+    return build_tile(f.field, spec_from(5, 120, 3, f.field.lattice), kTile);
+  }();
+  return tile;
+}
+
+EdgeChain real_edge() { return edge_of_level(real_tile().lines[1], 6); }
+
+TileBody real_body() {
+  const TestTile& tile = real_tile();
+  TileBody body;
+  body.stats = tile.surface.stats;
+  body.stats.coverage = TileCoverage::kReal;
+  for (std::size_t b = 0; b < 4; ++b) body.n_side[b] = static_cast<std::uint32_t>(tile.task.borders[b].size() - 1);
+  body.interior = tile.surface.interior;
+  body.triangles = tile.surface.triangles;
+  body.n_gaps = 2;
+  body.virtual_triangles = find_virtual_triangles(body.triangles, body.n_side);
+  for (VirtualTriangle& vt : body.virtual_triangles) vt.runs.assign(2u * vt.n_edges, vt.triangle % 300);
+  return body;
+}
+
+Manifest real_manifest() {
+  Manifest m;
+  m.mode = "standard";
+  m.lattice.level = 9;
+  m.bottom_level = 1;
+  m.sources = {{"a \"quoted\" \n name.tif", "00", 3, 4}};
+  for (int level = 0; level < 2; ++level) {
+    LevelInfo info;
+    info.level = level;
+    info.tolerance_m = 1;
+    info.height_step_m = 0.25;
+    info.rows = {{0, 0, 0, TileCoverage::kReal}, {0, 1, 1, TileCoverage::kPartial}};
+    m.levels.push_back(info);
+  }
+  m.levels[1].rows.push_back({1, 0, 3, TileCoverage::kFiller});
+  return m;
+}
+
+/// Decodes every truncation and many damaged copies of `record`; memory stays within `bytes_a_byte` of its size.
+void torment(const Bytes& record, double bytes_a_byte, const std::function<bool(ByteView)>& decodes) {
+  ASSERT_TRUE(decodes(record));
+  const auto limit = static_cast<std::size_t>(bytes_a_byte * static_cast<double>(record.size())) + 4096;
+  const auto try_one = [&](const Bytes& bytes) {
+    reset_largest_request();
+    const bool ok = decodes(bytes);
+    EXPECT_LE(largest_request(), limit);
+    return ok;
+  };
+  for (std::size_t n = 0; n < record.size(); ++n) {
+    const Bytes cut(record.begin(), record.begin() + static_cast<std::ptrdiff_t>(n));
+    EXPECT_FALSE(try_one(cut)) << "cut at " << n << " of " << record.size();
+  }
+  Bytes longer = record;
+  longer.push_back('x');
+  EXPECT_FALSE(try_one(longer));
+  for (std::int64_t k = 0; k < 4000; ++k) {
+    Bytes bytes = record;
+    for (std::int64_t flips = 0; flips <= k % 3; ++flips) {
+      // Half of the damage in the head, where the counts are.
+      const double range = k % 2 ? static_cast<double>(bytes.size()) : std::min<double>(40, static_cast<double>(bytes.size()));
+      bytes[static_cast<std::size_t>(noise(1, k, flips) * range)] ^= static_cast<std::uint8_t>(1 + noise(2, k, flips) * 255);
+    }
+    try_one(bytes);
+  }
+}
+
+TEST(CornerRecord, ComesBackAndSurvivesDamage) {
+  for (const std::int32_t z : {0, -1, 77, INT32_MIN, INT32_MAX}) EXPECT_EQ(decode_corner(encode_corner({z})).value(), Corner{z});
+  torment(encode_corner({INT32_MIN}), 0, [](ByteView b) { return decode_corner(b).has_value(); });
+  EXPECT_FALSE(decode_corner(Bytes{'C', 0xff, 0xff, 0xff, 0xff, 0x7f}));  // beyond 32 bits
+}
+
+TEST(EdgeRecord, ComesBackAndSurvivesDamage) {
+  const EdgeChain edge = real_edge();
+  ASSERT_GT(edge.inner.size(), 10u);
+  EXPECT_EQ(decode_edge(encode_edge(edge)).value(), edge);
+  EXPECT_EQ(decode_edge(encode_edge({})).value(), EdgeChain{});
+  torment(encode_edge(edge), 8, [](ByteView b) { return decode_edge(b).has_value(); });
+}
+
+TEST(EdgeRecord, RefusesVerticesAtOnePoint) {
+  EdgeChain edge = real_edge();
+  edge.inner[1].t = edge.inner[0].t;
+  EXPECT_FALSE(decode_edge(encode_edge(edge)));
+}
+
+TEST(BodyRecord, ComesBackAndSurvivesDamage) {
+  const TileBody body = real_body();
+  ASSERT_GT(body.interior.size(), 50u);
+  ASSERT_GT(body.virtual_triangles.size(), 10u);
+  EXPECT_EQ(decode_body(encode_body(body)).value(), body);
+  torment(encode_body(body), 16, [](ByteView b) { return decode_body(b).has_value(); });
+}
+
+TEST(Decoders, RefuseCountsThatTheBytesCannotHold) {
+  // tag, count 2^60, then next to nothing
+  const Bytes huge = {0x80, 0x80, 0x80, 0x80, 0x80, 0x80, 0x80, 0x80, 0x10};
+  Bytes edge = {'E'};
+  edge.insert(edge.end(), huge.begin(), huge.end());
+  edge.insert(edge.end(), {1, 1, 0, 0});
+  const Bytes body_record = encode_body(TileBody{});  // all counts zero
+  reset_largest_request();
+  EXPECT_FALSE(decode_edge(edge));
+  for (std::size_t at = 1; at < body_record.size(); ++at) {
+    Bytes body = body_record;
+    body.erase(body.begin() + static_cast<std::ptrdiff_t>(at));
+    body.insert(body.begin() + static_cast<std::ptrdiff_t>(at), huge.begin(), huge.end());
+    (void)decode_body(body);
+  }
+  EXPECT_LT(largest_request(), 4096u);
+}
+
+TEST(Value, IsTheShorterOfRecordAndFrame) {
+  const Bytes small = encode_corner({5});
+  EXPECT_EQ(pack_value(small), small);
+  const Bytes large = encode_body(real_body());
+  const Bytes packed = pack_value(large);
+  EXPECT_LT(packed.size(), large.size());
+  EXPECT_TRUE(is_zstd_frame(packed));
+  EXPECT_EQ(unpack_value(packed).value(), large);
+  EXPECT_EQ(unpack_value(small).value(), small);
+}
+
+TEST(Value, SurvivesDamage) {
+  const Bytes record = encode_body(real_body());
+  const Bytes packed = pack_value(record);
+  for (std::size_t n = 4; n < packed.size(); ++n) {
+    EXPECT_FALSE(unpack_value(ByteView(packed).first(n))) << n;
+  }
+  for (std::int64_t k = 0; k < 2000; ++k) {
+    Bytes bytes = packed;
+    // Behind the frame's header: the announced size stays.
+    const auto at = static_cast<std::size_t>(8 + noise(1, k, 0) * static_cast<double>(bytes.size() - 8));
+    bytes[at] ^= static_cast<std::uint8_t>(1 + noise(2, k, 0) * 255);
+    reset_largest_request();
+    if (const auto out = unpack_value(bytes)) (void)decode_body(*out);
+    EXPECT_LE(largest_request(), 16 * record.size() + (1 << 20));
+  }
+}
+
+TEST(Value, RefusesAFrameThatAnnouncesTooMuchOrNothing) {
+  // Single segment, 8-byte content size of 256 MiB + 1 and of 2^62; then a frame without a size.
+  Bytes frame = {0x28, 0xb5, 0x2f, 0xfd, 0xe0, 0x01, 0, 0, 0x10, 0, 0, 0, 0, 1, 0, 0};
+  reset_largest_request();
+  auto out = unpack_value(frame);
+  ASSERT_FALSE(out);
+  EXPECT_EQ(out.error().kind, ErrorKind::kCorrupt);
+  frame[12] = 0x40;
+  EXPECT_FALSE(unpack_value(frame));
+  EXPECT_FALSE(unpack_value(Bytes{0x28, 0xb5, 0x2f, 0xfd, 0x00, 0x58, 1, 0, 0}));
+  EXPECT_FALSE(unpack_value(Bytes{0x28, 0xb5, 0x2f, 0xfd}));
+  EXPECT_LT(largest_request(), 4096u);
+}
+
+TEST(ZstdFrame, KeepsTheWindowWithinBrowsersReach) {
+  // 20 MB that do not compress to nothing: the frame header's window log must not exceed 23.
+  Bytes bytes(20 << 20);
+  for (std::size_t k = 0; k < bytes.size(); ++k) bytes[k] = static_cast<std::uint8_t>((k * 2654435761u) >> 29);
+  const Bytes frame = zstd_compress(bytes, 1);
+  ASSERT_GT(frame.size(), 6u);
+  ASSERT_EQ(frame[4] & 0x20, 0) << "a single segment's window is its content";
+  EXPECT_LE(10 + (frame[5] >> 3), 23);
+  EXPECT_EQ(frame[4] & 0x03, 0) << "no dictionary";
+  EXPECT_EQ(unpack_value(frame).value(), bytes);
+}
+
+TEST(ManifestRecord, ComesBack) {
+  const Manifest m = real_manifest();
+  const std::string text = encode_manifest(m);
+  const auto back = decode_manifest(Bytes(text.begin(), text.end()));
+  ASSERT_TRUE(back) << back.error().message;
+  EXPECT_EQ(encode_manifest(*back), text);
+  EXPECT_EQ(back->sources[0].name, m.sources[0].name);
+  EXPECT_EQ(text.find('\n'), std::string::npos);
+}
+
+TEST(ManifestRecord, KnowsItsTiles) {
+  const Manifest m = real_manifest();
+  EXPECT_TRUE(m.has_tile({0, 0, 0}));
+  EXPECT_TRUE(m.has_tile({0, 1, 0}));
+  EXPECT_TRUE(m.has_tile({1, 1, 0}));
+  EXPECT_FALSE(m.has_tile({1, 2, 0}));
+  EXPECT_TRUE(m.has_tile({1, 3, 1}));
+  EXPECT_FALSE(m.has_tile({1, 4, 1}));
+  EXPECT_FALSE(m.has_tile({2, 0, 0}));
+  EXPECT_FALSE(m.has_tile({200, 0, 0}));
+}
+
+TEST(ManifestRecord, SurvivesDamage) {
+  const std::string text = encode_manifest(real_manifest());
+  torment(Bytes(text.begin(), text.end()), 16, [](ByteView b) { return decode_manifest(b).has_value(); });
+  const std::string deep(100000, '[');
+  EXPECT_FALSE(decode_manifest(Bytes(deep.begin(), deep.end())));
+}
+
+TEST(ManifestRecord, RefusesValuesOutOfRange) {
+  const auto decode_with = [](const std::string& from, const std::string& to) {
+    std::string text = encode_manifest(real_manifest());
+    const auto at = text.find(from);
+    EXPECT_NE(at, std::string::npos) << from;
+    text.replace(at, from.size(), to);
+    return decode_manifest(Bytes(text.begin(), text.end()));
+  };
+  EXPECT_TRUE(decode_with("\"height_exponent\":0", "\"height_exponent\":3"));
+  for (const auto& [from, to] : std::vector<std::pair<std::string, std::string>>{
+           {"\"height_exponent\":0", "\"height_exponent\":17"},
+           {"\"height_exponent\":0", "\"height_exponent\":-1"},
+           {"\"lattice_level\":9", "\"lattice_level\":29"},
+           {"\"lattice_level\":9", "\"lattice_level\":0"},
+           {"\"bottom_level\":1", "\"bottom_level\":2"},
+           {"\"bottom_level\":1", "\"bottom_level\":-1"},
+           {"\"root_count_x\":2", "\"root_count_x\":1"},
+           {"\"format\":\"tind\"", "\"format\":\"mbtiles\""},
+           {"\"tolerance_m\":1.0", "\"tolerance_m\":-1.0"},
+           {"\"tolerance_m\":1.0", "\"tolerance_m\":\"1\""},
+           {"[0,1,1,1]", "[0,1,2,1]"},    // beyond the level
+           {"[0,1,1,1]", "[0,0,1,1]"},    // overlaps the run before
+           {"[0,1,1,1]", "[0,1,1,3]"},    // no such coverage
+           {"[0,1,1,1]", "[0,1,-1,1]"},
+           {"\"inverse_flattening\":298.257223563", "\"inverse_flattening\":0.5"}}) {
+    const auto m = decode_with(from, to);
+    ASSERT_FALSE(m) << to;
+    EXPECT_EQ(m.error().kind, ErrorKind::kCorrupt) << to;
+  }
+  EXPECT_EQ(decode_with("\"format_version\":1", "\"format_version\":2").error().kind, ErrorKind::kUnsupported);
+}
+
+}  // namespace
+}  // namespace tind::test

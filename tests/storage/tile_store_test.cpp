@@ -1,0 +1,182 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "storage/tile_store.hpp"
+
+#include <filesystem>
+#include <fstream>
+
+#include <gtest/gtest.h>
+#include <lmdb.h>
+
+namespace tind {
+namespace {
+
+namespace fs = std::filesystem;
+
+class TileStoreTest : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    std::string name = (fs::temp_directory_path() / "tind-tile-store-XXXXXX").string();
+    ASSERT_NE(mkdtemp(name.data()), nullptr);
+    folder_ = name;
+  }
+  void TearDown() override { fs::remove_all(folder_); }
+
+  std::string path(const std::string& name) const { return (folder_ / name).string(); }
+
+  /// All pieces of level 2 in storage order, each with a value that names it; large ones among them.
+  static std::vector<std::pair<PieceKey, Bytes>> pieces() {
+    std::vector<PieceKey> keys;
+    for (std::uint32_t y = 0; y < TileKey::count_y(2); ++y) {
+      for (std::uint32_t x = 0; x < TileKey::count_x(2); ++x) {
+        for (const PieceKey& key : pieces_of({2, x, y})) keys.push_back(key);
+      }
+    }
+    std::sort(keys.begin(), keys.end());
+    keys.erase(std::unique(keys.begin(), keys.end()), keys.end());
+    std::vector<std::pair<PieceKey, Bytes>> out;
+    for (const PieceKey& key : keys) {
+      out.emplace_back(key, Bytes(key.kind == PieceKind::kBody ? 9000 : 3, static_cast<std::uint8_t>(key.i * 16 + key.j)));
+    }
+    return out;
+  }
+
+  std::string write_store(const std::string& name) const {
+    auto writer = TileStoreWriter::create(path(name));
+    EXPECT_TRUE(writer) << writer.error().message;
+    for (const auto& [key, value] : pieces()) EXPECT_TRUE(writer->append(key, value));
+    EXPECT_TRUE(writer->finish(Bytes{'{', '}'}));
+    return path(name);
+  }
+
+  /// Kind of failure of opening; -1 when it opens.
+  static int opens_with(const std::string& file) {
+    const auto store = TileStore::open(file);
+    return store ? -1 : static_cast<int>(store.error().kind);
+  }
+
+  fs::path folder_;
+};
+
+TEST_F(TileStoreTest, GivesBackEveryPieceUnderEveryName) {
+  const auto store = TileStore::open(write_store("a.tind"));
+  ASSERT_TRUE(store) << store.error().message;
+  const auto snapshot = store->snapshot();
+  ASSERT_TRUE(snapshot);
+  for (const auto& [key, value] : pieces()) {
+    const auto found = snapshot->find(key);
+    ASSERT_TRUE(found);
+    EXPECT_EQ(Bytes(found->begin(), found->end()), value);
+  }
+  // Longitude 180 from the other side, a pole from any column.
+  const auto east = snapshot->find({PieceKind::kEdgeV, 2, TileKey::count_x(2), 1});
+  const auto west = snapshot->find({PieceKind::kEdgeV, 2, 0, 1});
+  ASSERT_TRUE(east && west);
+  EXPECT_EQ(east->data(), west->data());
+  EXPECT_EQ(snapshot->find({PieceKind::kCorner, 2, 5, 0})->data(), snapshot->find({PieceKind::kCorner, 2, 0, 0})->data());
+  EXPECT_FALSE(snapshot->find({PieceKind::kBody, 1, 0, 0}));
+  EXPECT_FALSE(snapshot->find({PieceKind::kBody, 2, 0, 4}));
+  EXPECT_EQ(snapshot->find_manifest()->size(), 2u);
+}
+
+TEST_F(TileStoreTest, KeepsKeysInStorageOrderWithTheManifestLast) {
+  const std::string file = write_store("a.tind");
+  MDB_env* env = nullptr;
+  ASSERT_EQ(mdb_env_create(&env), 0);
+  ASSERT_EQ(mdb_env_open(env, file.c_str(), MDB_NOSUBDIR | MDB_RDONLY | MDB_NOLOCK, 0), 0);
+  MDB_txn* txn = nullptr;
+  MDB_dbi dbi = 0;
+  MDB_cursor* cursor = nullptr;
+  ASSERT_EQ(mdb_txn_begin(env, nullptr, MDB_RDONLY, &txn), 0);
+  ASSERT_EQ(mdb_dbi_open(txn, nullptr, 0, &dbi), 0);
+  ASSERT_EQ(mdb_cursor_open(txn, dbi, &cursor), 0);
+  MDB_val key{}, value{};
+  std::vector<std::string> keys;
+  while (mdb_cursor_get(cursor, &key, &value, MDB_NEXT) == 0) {
+    keys.emplace_back(static_cast<const char*>(key.mv_data), key.mv_size);
+  }
+  mdb_cursor_close(cursor);
+  mdb_txn_abort(txn);
+  mdb_env_close(env);
+  // docs/format.md 2, by hand.
+  std::vector<std::string> expected;
+  for (const auto& [k, v] : pieces()) {
+    std::string bytes(10, '\0');
+    bytes[0] = 2;
+    std::uint64_t code = 0;
+    for (unsigned bit = 0; bit < 32; ++bit) {
+      code |= std::uint64_t{k.i >> bit & 1} << (2 * bit) | std::uint64_t{k.j >> bit & 1} << (2 * bit + 1);
+    }
+    for (std::size_t b = 0; b < 8; ++b) bytes[8 - b] = static_cast<char>(code >> (8 * b));
+    bytes[9] = static_cast<char>(k.kind);
+    expected.push_back(bytes);
+  }
+  expected.push_back("\xffm");
+  EXPECT_EQ(keys, expected);
+}
+
+TEST_F(TileStoreTest, WritesTheSameBytesAgain) {
+  const std::string a = write_store("a.tind"), b = write_store("b.tind");
+  const auto read = [](const std::string& file) {
+    std::ifstream in(file, std::ios::binary);
+    return std::string{std::istreambuf_iterator<char>(in), {}};
+  };
+  EXPECT_EQ(read(a), read(b));
+  EXPECT_GT(read(a).size(), 32 * 9000u);
+}
+
+TEST_F(TileStoreTest, RefusesWhatIsNoStore) {
+  const int corrupt = static_cast<int>(ErrorKind::kCorrupt);
+  EXPECT_EQ(opens_with(path("missing.tind")), static_cast<int>(ErrorKind::kNotFound));
+  EXPECT_EQ(opens_with(folder_.string()), static_cast<int>(ErrorKind::kInvalidInput));
+  for (const std::size_t n : {std::size_t{0}, std::size_t{1}, std::size_t{100}, std::size_t{5000}, std::size_t{100000}}) {
+    std::ofstream(path("junk.tind"), std::ios::binary) << std::string(n, 'x');
+    EXPECT_EQ(opens_with(path("junk.tind")), corrupt) << n << " bytes";
+  }
+  // Somebody else's LMDB file.
+  MDB_env* env = nullptr;
+  ASSERT_EQ(mdb_env_create(&env), 0);
+  ASSERT_EQ(mdb_env_open(env, path("foreign.mdb").c_str(), MDB_NOSUBDIR | MDB_NOLOCK, 0644), 0);
+  MDB_txn* txn = nullptr;
+  MDB_dbi dbi = 0;
+  ASSERT_EQ(mdb_txn_begin(env, nullptr, 0, &txn), 0);
+  ASSERT_EQ(mdb_dbi_open(txn, nullptr, 0, &dbi), 0);
+  MDB_val key{3, const_cast<char*>("abc")}, value{3, const_cast<char*>("xyz")};
+  ASSERT_EQ(mdb_put(txn, dbi, &key, &value, 0), 0);
+  ASSERT_EQ(mdb_txn_commit(txn), 0);
+  mdb_env_close(env);
+  EXPECT_EQ(opens_with(path("foreign.mdb")), corrupt);
+}
+
+TEST_F(TileStoreTest, RefusesATruncatedFileAtAnyLength) {
+  const std::string file = write_store("a.tind");
+  const auto size = static_cast<std::int64_t>(fs::file_size(file));
+  for (std::int64_t n = size - 1; n >= 0; n -= 4001) {
+    fs::resize_file(file, static_cast<std::uintmax_t>(n));
+    EXPECT_EQ(opens_with(file), static_cast<int>(ErrorKind::kCorrupt)) << n << " of " << size;
+  }
+}
+
+TEST_F(TileStoreTest, RefusesAFileThatWasNeverFinished) {
+  {
+    auto writer = TileStoreWriter::create(path("half.tind"));
+    ASSERT_TRUE(writer);
+    for (const auto& [key, value] : pieces()) ASSERT_TRUE(writer->append(key, value));
+  }
+  EXPECT_EQ(opens_with(path("half.tind")), static_cast<int>(ErrorKind::kCorrupt));
+}
+
+TEST_F(TileStoreTest, WriterFindsWhatItWroteAndRefusesAnExistingFile) {
+  auto writer = TileStoreWriter::create(path("a.tind"));
+  ASSERT_TRUE(writer);
+  const Bytes large(3 << 20, 7);  // some commits on the way
+  for (std::uint32_t i = 0; i < 16; ++i) ASSERT_TRUE(writer->append({PieceKind::kBody, 4, i, 0}, large));
+  EXPECT_EQ(writer->find({PieceKind::kBody, 4, 0, 0})->size(), large.size());
+  EXPECT_EQ(writer->find({PieceKind::kBody, 4, 15, 0})->size(), large.size());
+  EXPECT_FALSE(writer->find({PieceKind::kBody, 4, 16, 0}));
+  const auto second = TileStoreWriter::create(path("a.tind"));
+  ASSERT_FALSE(second);
+  EXPECT_EQ(second.error().kind, ErrorKind::kIo);
+}
+
+}  // namespace
+}  // namespace tind
