@@ -218,6 +218,22 @@ Result<void> read_vertical(Source& s, GDALRasterBand& band, const RasterOptions&
   return {};
 }
 
+/// GDAL reads what a raw binary file lacks as zeros, without a word.
+bool raw_file_is_short(GDALDataset& dataset) {
+  const std::string driver = dataset.GetDriver()->GetDescription();
+  GDALRasterBand& band = *dataset.GetRasterBand(1);
+  const char* compression = dataset.GetMetadataItem("file_compression", "ENVI");
+  if ((driver != "ENVI" && driver != "EHdr") || band.GetMetadataItem("NBITS", "IMAGE_STRUCTURE") != nullptr ||
+      (compression != nullptr && std::string(compression) != "0")) {
+    return false;
+  }
+  VSIStatBufL stat;
+  const auto needed = static_cast<vsi_l_offset>(dataset.GetRasterXSize()) *
+                      static_cast<vsi_l_offset>(dataset.GetRasterYSize()) *
+                      static_cast<vsi_l_offset>(GDALGetDataTypeSizeBytes(band.GetRasterDataType()));
+  return VSIStatL(dataset.GetDescription(), &stat) == 0 && static_cast<vsi_l_offset>(stat.st_size) < needed;
+}
+
 Result<void> open_dataset(Source& s) {
   GdalErrors errors;
   s.dataset.reset(GDALDataset::Open(s.gdal_name.c_str(), GDAL_OF_RASTER | GDAL_OF_READONLY | GDAL_OF_VERBOSE_ERROR));
@@ -260,6 +276,7 @@ Result<Source> inspect(const std::string& path, const RasterOptions& options) {
         fmt::format("{}: {} bands; heights are read from band 1", s.info.name, s.dataset->GetRasterCount()));
   }
   GDALRasterBand& band = *s.dataset->GetRasterBand(1);
+  if (raw_file_is_short(*s.dataset)) return bad(s, "is truncated: shorter than its header says");
   if (GDALDataTypeIsComplex(band.GetRasterDataType())) return bad(s, "band 1 holds complex numbers, not heights");
 
   double gt[6];

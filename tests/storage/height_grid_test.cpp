@@ -356,6 +356,14 @@ TEST_F(HeightGridTest, DamagedFileFailsInsteadOfGivingHeights) {
   EXPECT_THAT(grid.error().message, HasSubstr("truncated or damaged"));
 }
 
+TEST_F(HeightGridTest, ShortRawFileIsNotReadAsZeros) {
+  write("r.hdr",
+        "ENVI\nsamples = 4\nlines = 4\nbands = 1\nheader offset = 0\nfile type = ENVI Standard\ndata type = 2\n"
+        "interleave = bsq\nbyte order = 0\nmap info = {Geographic Lat/Lon, 1, 1, -118, 37, 0.01, 0.01, WGS-84}\n");
+  EXPECT_EQ(message({write("r.img", std::string(32, '\1'))}), "");
+  EXPECT_THAT(message({write("r.img", std::string(20, '\1'))}), HasSubstr("truncated"));
+}
+
 TEST_F(HeightGridTest, UnusableScratchFolderIsAnError) {
   const auto path = write_grid("a.asc", 10, 45, 0.01, 4, 4, [](int, int) { return "1"; });
   const auto mosaic = RasterMosaic::open({path}, {});
