@@ -33,6 +33,36 @@ struct Heights {
   std::vector<std::uint16_t> q;  // per vertex of the tile
 };
 
+// Divisors of 32767, largest first.
+constexpr std::array<double, 8> kDivisors = {32767, 4681, 1057, 217, 151, 31, 7, 1};
+
+// A header's height range: minimum a multiple of the unit, `units` units up to the maximum.
+struct HeightRange {
+  double minimum_m = 0, unit_m = 0, units = 0;
+};
+
+// The range of a tile from `low` to `high`. The unit is the border step over a power of two, so that border heights are whole units; the
+// number of units divides 32767, so that whole units are whole steps of the encoding; minimum and maximum are exact
+// 32-bit floats. 32767 units, whose step is the unit itself, unless that is more than twice the true range: high plateaus
+// have no float for so fine a unit.
+std::optional<HeightRange> find_range(double low, double high, double range, double border_step) {
+  const auto smallest_of = [&](double units) -> std::optional<HeightRange> {
+    for (double unit = std::min(border_step, std::exp2(std::floor(std::log2(range / units)))); unit <= border_step;
+         unit *= 2) {
+      const double minimum = std::floor(low / unit) * unit, maximum = minimum + units * unit;
+      if (high <= maximum && is_float(minimum) && is_float(maximum)) return HeightRange{minimum, unit, units};
+    }
+    return std::nullopt;
+  };
+  std::optional<HeightRange> best;
+  for (const double units : kDivisors) {
+    const auto found = smallest_of(units);
+    if (found && (!best || found->units * found->unit_m < best->units * best->unit_m)) best = found;
+    if (units == kDivisors.front() && best && best->units * best->unit_m <= 2 * range) break;
+  }
+  return best;
+}
+
 // `used`: vertices that some triangle has; the others have no say in the range.
 std::optional<Heights> quantize_heights(const Lattice& lattice, const VirtualNode& node, const std::vector<bool>& used,
                                         double border_step_m) {
@@ -54,20 +84,16 @@ std::optional<Heights> quantize_heights(const Lattice& lattice, const VirtualNod
     out.minimum_m = out.maximum_m = low;
     return out;
   }
-  // Start below the smallest step that can do and double it.
   const double range = std::max(high - low, lattice.height_unit_m());
-  for (double step = std::min(border_step, std::exp2(std::floor(std::log2(range / kSteps)))); step <= border_step;
-       step *= 2) {
-    const double minimum = round_to(low, step), maximum = minimum + static_cast<double>(kSteps) * step;
-    if (round_to(high, step) > maximum || !is_float(minimum) || !is_float(maximum)) continue;
-    out.minimum_m = minimum;
-    out.maximum_m = maximum;
-    for (std::size_t v = 0; v < h.size(); ++v) {
-      if (used[v]) out.q[v] = static_cast<std::uint16_t>((round_to(h[v], step) - minimum) / step);
-    }
-    return out;
+  const std::optional<HeightRange> best = find_range(low, high, range, border_step);
+  if (!best) return std::nullopt;
+  out.minimum_m = best->minimum_m;
+  out.maximum_m = best->minimum_m + best->units * best->unit_m;
+  const double step = best->units * best->unit_m / static_cast<double>(kSteps);
+  for (std::size_t v = 0; v < h.size(); ++v) {
+    if (used[v]) out.q[v] = static_cast<std::uint16_t>(std::floor((h[v] - out.minimum_m) / step + 0.5));
   }
-  return std::nullopt;
+  return out;
 }
 
 // The order in which triangles first name the vertices, as high-water-mark coding needs it.

@@ -26,9 +26,10 @@ struct QuantizedMeshOptions {
 /// A tile as quantized-mesh 1.0 (github.com/CesiumGS/quantized-mesh, SPECIFICATION.md).
 ///
 /// Heights: border vertices are rounded to multiples of the border step S (rounded up to a power of two), the others to the
-/// tile's own step s = S / 2^j: the smallest with 32767 s >= the tile's rounded range for which minimum and
-/// maximum = minimum + 32767 s, both multiples of s, are exact 32-bit floats. So a decoder that computes
-/// min + q / 32767 * (max - min) in double precision gets every height exactly, and (1 - t) min + t max to 4e-16 of the
+/// tile's own step s. The range maximum - minimum is 32767 s with s = S / 2^j, the smallest that holds the tile; where 32-bit floats
+/// cannot hold so fine a minimum and maximum (nearly flat tiles high up), it is m S / 2^j with m a divisor of 32767, which
+/// stays within twice the true range and keeps border heights whole steps all the same. So a decoder that computes
+/// min + q / 32767 * (max - min) in double precision gets border heights exactly, and (1 - t) min + t max to 4e-16 of the
 /// larger of |min|, |max|: borders decode alike from both sides. A flat tile has minimum == maximum.
 /// Positions: round_to_grid to 0..32767.
 ///

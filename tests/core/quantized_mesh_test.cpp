@@ -377,6 +377,24 @@ TEST(QuantizedMesh, HighFlatPlateauKeepsExactBorders) {
   }
 }
 
+// At 2400 m a 32-bit float has steps of 2^-12 m: 32767 of them are 8 m, far more than a flat tile's range.
+TEST(QuantizedMesh, NearlyFlatPlateauStaysWithinTwiceItsRange) {
+  for (std::int32_t range = 1; range <= 16 * 16; ++range) {
+    const Lattice lattice = make_lattice(5, 4);
+    const double step_m = 0x1p-5;
+    MeshMaker maker(lattice.tile_side(5), 1);
+    maker.insert(500, 500, 2400 * 16 + range);
+    VirtualNode node = maker.node({5, 3, 2});
+    for (std::size_t c = 0; c < 4; ++c) node.vertices[c].z = 2400 * 16 + static_cast<std::int32_t>(c) * range / 3;
+    const Decoded d = encode_and_decode(lattice, node, step_m);
+    expect_valid(d);
+    EXPECT_LE(d.maximum - d.minimum, 2 * range / 16.0) << range;
+    for (const auto& edge : d.edges) {
+      for (const auto v : edge) EXPECT_EQ(std::fmod(d.height(v), step_m), 0.0) << range;
+    }
+  }
+}
+
 TEST(QuantizedMesh, FlatTileHasEqualMinimumAndMaximum) {
   const Lattice lattice = make_lattice(5, 4);
   MeshMaker maker(lattice.tile_side(3), 1);
