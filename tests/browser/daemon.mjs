@@ -8,7 +8,7 @@ import {createInterface} from 'node:readline';
 
 import {planetGrid} from './posts.mjs';
 
-const {TIND_PROGRAMS, TIND_TEST_DATA, TIND_WORK} = process.env;
+const {TEST_PROGRAMS, TEST_DATA, TEST_WORK} = process.env;
 const kStartMs = 60000;
 
 /// The demo's DEM as ./dev demo builds it and as fine as 20 m; and a planet with both poles and longitude 180 whose
@@ -17,7 +17,7 @@ export const kDatasets = ['sangre_de_cristo', 'sangre_de_cristo_fine', 'planet']
 
 /// Builds `names` out of kDatasets and returns the paths of their .tind files.
 export function buildPyramids(names) {
-  const dem = join(TIND_TEST_DATA, 'sangre_de_cristo.tif'), planet = join(TIND_WORK, 'planet.asc');
+  const dem = join(TEST_DATA, 'sangre_de_cristo.tif'), planet = join(TEST_WORK, 'planet.asc');
   if (names.includes('planet')) writeFileSync(planet, planetGrid());
   const inputs = {
     sangre_de_cristo: [dem],
@@ -25,15 +25,15 @@ export function buildPyramids(names) {
     planet: [planet, '--tolerance', '200'],
   };
   return names.map((name) => {
-    const path = join(TIND_WORK, name + '.tind');
-    execFileSync(join(TIND_PROGRAMS, 'tind-build'), [...inputs[name], '-o', path, '--force', '-q'], {stdio: ['ignore', 'ignore', 'inherit']});
+    const path = join(TEST_WORK, name + '.tind');
+    execFileSync(join(TEST_PROGRAMS, 'tind-build'), [...inputs[name], '-o', path, '--force', '-q'], {stdio: ['ignore', 'ignore', 'inherit']});
     return path;
   });
 }
 
 /// A running daemon on a free port of 127.0.0.1: {url, stop()}. stop() returns its exit code after SIGTERM.
 export async function startDaemon(pyramids, options = []) {
-  const child = spawn(join(TIND_PROGRAMS, 'tind'), [...pyramids, '--listen', '127.0.0.1:0', ...options],
+  const child = spawn(join(TEST_PROGRAMS, 'tind'), [...pyramids, '--listen', '127.0.0.1:0', ...options],
                       {stdio: ['ignore', 'pipe', 'inherit']});
   const lines = createInterface({input: child.stdout});
   const timer = setTimeout(() => child.kill('SIGKILL'), kStartMs);
