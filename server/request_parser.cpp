@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <boost/asio/buffer.hpp>
 #include <boost/beast/http/basic_parser.hpp>
+#include <limits>
 
 namespace tind {
 namespace {
@@ -56,9 +57,7 @@ class Parser : public http::basic_parser<true> {
     }
   }
   void on_header_impl(error_code&) override {}
-  void on_body_init_impl(const boost::optional<std::uint64_t>& length, error_code&) override {
-    request.content_length = length.value_or(0);
-  }
+  void on_body_init_impl(const boost::optional<std::uint64_t>&, error_code&) override {}
   std::size_t on_body_impl(BeastView body, error_code&) override { return body.size(); }
   void on_chunk_header_impl(std::uint64_t, BeastView, error_code&) override {}
   std::size_t on_chunk_body_impl(std::uint64_t, BeastView body, error_code&) override { return body.size(); }
@@ -100,7 +99,7 @@ std::variant<ParsedRequest, int> parse_request(std::string_view block) {
 
   Parser parser;
   parser.header_limit(static_cast<std::uint32_t>(std::min<std::size_t>(block.size() + 1, UINT32_MAX)));
-  parser.body_limit(boost::none);
+  parser.body_limit(std::numeric_limits<std::uint64_t>::max());  // Boost 1.74 takes boost::none for 0
   error_code error;
   const std::size_t n = parser.put(boost::asio::buffer(block.data(), block.size()), error);
   if (error == http::error::bad_version) return kVersionNotSupported;
@@ -116,6 +115,7 @@ std::variant<ParsedRequest, int> parse_request(std::string_view block) {
     if (!iequals(parser.transfer_encoding, "chunked")) return kNotImplemented;
     request.chunked = true;
   }
+  request.content_length = parser.n_content_lengths > 0 ? parser.content_length().value_or(0) : 0;
   request.keep_alive = parser.keep_alive();
   return std::move(request);
 }

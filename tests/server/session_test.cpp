@@ -18,10 +18,12 @@ using test::RawAnswer;
 using test::RawClient;
 using testing::HasSubstr;
 
+constexpr std::uint32_t kLargeTiles = 5000;  // vertices a side: more than a socket's buffer takes
+
 class SessionTest : public testing::Test {
  protected:
-  void start(Settings settings = {}) {
-    test::write_pyramid(directory_.path + "/world.tind", 5000);
+  void start(Settings settings = {}, std::uint32_t n_side = 60) {
+    test::write_pyramid(directory_.path + "/world.tind", n_side);
     settings_ = settings;
     settings_.datasets = {directory_.path + "/world.tind"};
     auto site = make_site(settings_);
@@ -153,7 +155,7 @@ TEST_F(SessionTest, BodyOfAGetIsReadPastOrTheConnectionEnds) {
   RawClient small(port_);
   small.send("GET /health HTTP/1.1\r\nHost: h\r\nContent-Length: 40\r\n\r\nGET /nowhere HT");
   EXPECT_EQ(small.receive().body, "ok\n");
-  small.send("TP/1.1\r\nHost: h\r\n\r\n.....GET /ready HTTP/1.1\r\nHost: h\r\n\r\n");
+  small.send("TP/1.1\r\nHost: h\r\n\r\n......GET /ready HTTP/1.1\r\nHost: h\r\n\r\n");
   EXPECT_EQ(small.receive().body, "ready\n");
   for (const char* fields : {"Content-Length: 100000000", "Transfer-Encoding: chunked",
                              "Content-Length: 10\r\nExpect: 100-continue"}) {
@@ -199,7 +201,7 @@ TEST_F(SessionTest, SlowRequestIs408WhateverTrickles) {
 TEST_F(SessionTest, SlowReaderIsCutAndDisturbsNobody) {
   Settings settings;
   settings.request_timeout_s = 1;
-  start(settings);
+  start(settings, kLargeTiles);
   RawClient slow(port_, 4096);
   std::string requests;
   for (int k = 0; k < 400; ++k) requests += "GET /world/1/0/0.vn HTTP/1.1\r\nHost: h\r\n\r\n";  // some 20 MB
@@ -212,7 +214,7 @@ TEST_F(SessionTest, SlowReaderIsCutAndDisturbsNobody) {
 }
 
 TEST_F(SessionTest, SlowReaderGetsEveryByteWhileItGoesOn) {
-  start();
+  start({}, kLargeTiles);
   RawClient slow(port_, 4096), fast(port_);
   const std::string request = "GET /world/1/1/1.vn HTTP/1.1\r\nHost: h\r\n\r\nGET /world/1/1/1.parts HTTP/1.1\r\nHost: h\r\n\r\n";
   std::string many;
