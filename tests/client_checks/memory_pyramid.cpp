@@ -111,7 +111,9 @@ void MemoryPyramid::serve_pieces(const TileKey& key, const TilePieces& pieces) {
     values[2 * b] = pack_value(encode_corner(pieces.corners[b]));
     values[2 * b + 1] = pack_value(encode_edge(pieces.edges[b]));
   }
-  values[8] = pack_value(encode_body(pieces.body));
+  const Bytes body = encode_body(pieces.body);
+  values[8] = pack_value(body);
+  replace("body/" + text_of(key), body);
   replace(text_of(key) + ".parts", bundle_of(key, values));
   serve_node(key, must(assemble(manifest_.lattice, key, pieces), "assemble"));
 }
@@ -225,13 +227,13 @@ const SmallWorld& small_world() {
     const auto folder = std::filesystem::temp_directory_path() / fmt::format("tind-client-{}", getpid());
     std::filesystem::create_directories(folder);
     SmallWorld made{(folder / "world.tif").string(), (folder / "world.tind").string()};
-    constexpr int kColumns = 240, kRows = 160;
-    constexpr double kSpacing = 0.05;
+    constexpr int kColumns = 400, kRows = 300;
+    constexpr double kSpacing = 0.02;
     GDALAllRegister();
     GDALDriver* driver = GetGDALDriverManager()->GetDriverByName("GTiff");
     GDALDataset* dataset = driver->Create(made.raster.c_str(), kColumns, kRows, 1, GDT_Int16, nullptr);
-    // From 174 degrees east across longitude 180 to 186, that is -174.
-    double transform[6] = {174 - kSpacing / 2, kSpacing, 0, 48, 0, -kSpacing};
+    // From 176 degrees east across longitude 180 to 184, that is -176.
+    double transform[6] = {176 - kSpacing / 2, kSpacing, 0, 46, 0, -kSpacing};
     dataset->SetGeoTransform(transform);
     dataset->SetProjection(SRS_WKT_WGS84_LAT_LONG);
     const HeightAt height = rough_terrain(7, 900);
@@ -246,8 +248,7 @@ const SmallWorld& small_world() {
     BuildOptions options;
     options.inputs = {made.raster};
     options.output = made.tind;
-    options.levels.tolerance_m = 160;
-    options.levels.finest_m = 80;
+    options.levels.tolerance_m = 80;
     options.falloff_posts = 16;
     options.threads = 2;
     Progress silent(nullptr);

@@ -29,7 +29,7 @@ class MemoryPyramid : public client::TileSource {
   /// From now on `path` (after "/p/") answers with these bytes and status.
   void replace(const std::string& path, Bytes body, int status = 200);
   void replace_text(const std::string& path, const std::string& text);
-  /// Serves other pieces for a tile, in .parts and .vn alike.
+  /// Serves other pieces for a tile, in .parts, .vn and the body's own route alike.
   void serve_pieces(const TileKey& key, const TilePieces& pieces);
   /// Serves another assembled tile; its .parts stay.
   void serve_node(const TileKey& key, const VirtualNode& node);
@@ -52,8 +52,8 @@ class MemoryPyramid : public client::TileSource {
 /// "level/x/y"
 std::string text_of(const TileKey& key);
 
-/// A small .tind file for a whole test program: mountains on a grid of 5 degrees' posts that lies across longitude 180, built once by
-/// the builder itself. Six levels or more, data, filler, partly real tiles.
+/// A small .tind file for a whole test program: mountains on 8 x 6 degrees that lie across longitude 180, built once by
+/// the builder itself. Seven levels; real, partly real and filler tiles.
 struct SmallWorld {
   std::string raster;  ///< GeoTIFF with the source posts.
   std::string tind;
