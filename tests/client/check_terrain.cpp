@@ -49,8 +49,10 @@ void check_heights(Run& run, const Node& node, const TerrainMesh& mesh, Check& c
   if (header_low > low + step || header_high < high - step) {
     check.fail(fmt::format("{}header heights {}..{} m do not hold the tile's {}..{} m", name, header_low, header_high, low, high));
   }
-  // Rounding may widen the true range by a step at each end before it is doubled.
-  if (header_high - header_low > 2 * (high - low + 2 * step)) {
+  // Rounding may widen the true range by a step at each end before it is doubled. And 32767 equal steps between two 32-bit floats
+  // cannot be finer than what a float resolves at the tile's height.
+  const double finest = 32767 * std::ldexp(1.0, std::ilogb(std::max({std::abs(header_low), std::abs(header_high), 1.0})) - 23);
+  if (header_high - header_low > std::max(2 * (high - low + 2 * step), finest)) {
     check.fail(fmt::format("{}header heights span {} m, the tile {} m: more than twice", name, header_high - header_low, high - low));
   }
   if (run.posts != nullptr) return;
