@@ -108,6 +108,12 @@ TEST(LevelSpec, TakesToleranceForTheBottomLevel) {
   EXPECT_EQ(t.bottom_level(), 10);
   EXPECT_EQ(tolerance(t, 10), 5);
   EXPECT_EQ(tolerance(t, 8), 20);
+  // 74 m by the rule: posts are rounded as much more finely, and never more coarsely.
+  EXPECT_EQ(t.lattice_level, 14);
+  options.tolerance_m = 500;
+  EXPECT_EQ(table_of(1.0 / 1200, options).lattice_level, 10);
+  options.tolerance_m = 1e-9;
+  EXPECT_FALSE(make_level_table(1.0 / 1200, 1.0 / 1200, options));
 }
 
 TEST(LevelSpec, RoundsHeightsAndPostsFinelyEnough) {

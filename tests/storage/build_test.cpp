@@ -334,9 +334,10 @@ TEST_F(BuildTest, CoversAWholeGlobeWithOneHeightAtEachPole) {
 }
 
 TEST_F(BuildTest, KeepsTheToleranceOnSteepDataWithATightOne) {
-  BuildOptions o = options({write_mountains()}, "a.tind");
+  // A post is 111 m wide and 300 m high: half a lattice step aside is 0.3 m.
+  BuildOptions o = options({write_grid("steep.asc", 10.0003, 45.0001, 0.001, 20, 24, rough_terrain(3, 1500))}, "a.tind");
   o.levels.finest_m.reset();
-  o.levels.tolerance_m = 1;
+  o.levels.tolerance_m = 0.2;
   ASSERT_TRUE(build(o));
   expect_sound(read("a.tind"));
 }
