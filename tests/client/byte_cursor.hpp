@@ -22,8 +22,8 @@ using Outcome = tl::expected<T, std::string>;
 
 inline tl::unexpected<std::string> refuse(std::string why) { return tl::unexpected<std::string>(std::move(why)); }
 
-/// Walks over little-endian bytes. The first read past the end, or of a malformed number, sets bad() for good; from then on
-/// every read gives 0. Never reads outside the bytes, which it does not own.
+/// Walks over little-endian bytes. The first read past the end, or of a malformed number, sets bad() for good; from
+/// then on every read gives 0. Never reads outside the bytes, which it does not own.
 class ByteCursor {
  public:
   explicit ByteCursor(BlobView bytes) : bytes_(bytes) {}

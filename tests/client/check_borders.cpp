@@ -27,8 +27,9 @@ std::string first_difference(const std::vector<SideVertex>& a, const std::vector
 void check_joint(Check& check, const Node& node, const Node& next, int b) {
   const auto here = stored_side(*node.tile, b), there = stored_side(*next.tile, b);
   if (here.back().entry != there.front().entry) {
-    check.fail(fmt::format("{} borders of {} and {}: the corner between them has entry level {} on one, {} on the other",
-                           border_name(b), node.id.text(), next.id.text(), here.back().entry, there.front().entry));
+    check.fail(
+        fmt::format("{} borders of {} and {}: the corner between them has entry level {} on one, {} on the other",
+                    border_name(b), node.id.text(), next.id.text(), here.back().entry, there.front().entry));
   }
 }
 
@@ -55,7 +56,8 @@ struct FinerLine {
   }
 };
 
-/// Gathers border b of `from` at level + `gap` from the descendants on this side (`inner`) or beyond (`outer`); -1: none.
+/// Gathers border b of `from` at level + `gap` from the descendants on this side (`inner`) or beyond (`outer`); -1:
+/// none.
 void gather(const Pyramid& pyramid, const Node& from, int b, std::int32_t inner, std::int32_t outer, int gap,
             FinerLine& line) {
   static constexpr int kAlong[4][2] = {{0, 1}, {1, 3}, {2, 3}, {0, 2}};
@@ -94,7 +96,8 @@ RunFinding compare_runs(const Pyramid& pyramid, std::int32_t index) {
   for (int gap = 1; level + gap <= pyramid.bottom_level(); ++gap) {
     std::array<FinerLine, 4> lines;
     for (int b = 0; b < 4; ++b) {
-      gather(pyramid, node, b, index, node.neighbours[static_cast<std::size_t>(b)], gap, lines[static_cast<std::size_t>(b)]);
+      gather(pyramid, node, b, index, node.neighbours[static_cast<std::size_t>(b)], gap,
+             lines[static_cast<std::size_t>(b)]);
     }
     const auto compare = [&](const VtRecord& vt, int edge, int b, std::uint32_t interval) {
       const auto border = static_cast<std::size_t>(b);
@@ -110,15 +113,18 @@ RunFinding compare_runs(const Pyramid& pyramid, std::int32_t index) {
       ++finding.compared;
       if (gap > tile.n_gaps) {
         if (inside > 0) {
-          finding.faults.push_back(fmt::format("tile {}: runs end at gap {}, but interval {} of the {} border has {} vertices at gap {}",
-                                               node.id.text(), tile.n_gaps, interval, border_name(b), inside, gap));
+          finding.faults.push_back(
+              fmt::format("tile {}: runs end at gap {}, but interval {} of the {} border has {} vertices at gap {}",
+                          node.id.text(), tile.n_gaps, interval, border_name(b), inside, gap));
         }
         return;
       }
-      const std::size_t at = vt.first_run + static_cast<std::size_t>(edge) * tile.n_gaps + static_cast<std::size_t>(gap) - 1;
+      const std::size_t at =
+          vt.first_run + static_cast<std::size_t>(edge) * tile.n_gaps + static_cast<std::size_t>(gap) - 1;
       if (tile.runs[at] != inside) {
-        finding.faults.push_back(fmt::format("tile {}: r_{} of interval {} of the {} border is {}, the line at level {} has {} vertices there",
-                                             node.id.text(), gap, interval, border_name(b), tile.runs[at], level + gap, inside));
+        finding.faults.push_back(fmt::format(
+            "tile {}: r_{} of interval {} of the {} border is {}, the line at level {} has {} vertices there",
+            node.id.text(), gap, interval, border_name(b), tile.runs[at], level + gap, inside));
       }
     };
     for (const VtRecord& vt : tile.vts) {
@@ -178,8 +184,8 @@ void check_shared_borders(Run& run) {
       const auto [known, is_new] = heights.try_emplace({0, pole ? 0 : x, y}, CornerHeight{z, node.id});
       corners.looked_at();
       if (!is_new && known->second.z != z) {
-        corners.fail(fmt::format("corner C{} of {}{} has height {}, in {} it has {}", c, node.id.text(), pole ? " (a pole)" : "", z,
-                                 known->second.from.text(), known->second.z));
+        corners.fail(fmt::format("corner C{} of {}{} has height {}, in {} it has {}", c, node.id.text(),
+                                 pole ? " (a pole)" : "", z, known->second.from.text(), known->second.z));
       }
     }
     for (const int b : {0, 2}) {
@@ -187,7 +193,8 @@ void check_shared_borders(Run& run) {
       if (!pole) continue;
       const auto side = stored_side(*node.tile, b);
       if (std::any_of(side.begin(), side.end(), [&](const SideVertex& v) { return v.z != side.front().z; })) {
-        corners.fail(fmt::format("the pole has several heights along the {} border of {}", border_name(b), node.id.text()));
+        corners.fail(
+            fmt::format("the pole has several heights along the {} border of {}", border_name(b), node.id.text()));
       }
     }
   }
@@ -206,8 +213,8 @@ void check_nested_borders(Run& run) {
       const int first = first_level_of_line(node.id, b);
       for (const SideVertex& v : side) {
         if (v.entry >= first && v.entry <= level) continue;
-        check.fail(fmt::format("{} border of {}: {} is outside the line's levels {}..{}", border_name(b), node.id.text(),
-                               describe(v), first, level));
+        check.fail(fmt::format("{} border of {}: {} is outside the line's levels {}..{}", border_name(b),
+                               node.id.text(), describe(v), first, level));
         break;
       }
       if (!node.splittable()) continue;
@@ -225,11 +232,12 @@ void check_nested_borders(Run& run) {
         }
       }
       if (known != side) {
-        check.fail(fmt::format("{} border of {} is not what its children keep of it: {}", border_name(b), node.id.text(),
-                               first_difference(side, known)));
+        check.fail(fmt::format("{} border of {} is not what its children keep of it: {}", border_name(b),
+                               node.id.text(), first_difference(side, known)));
       }
       if (!entered_between) {
-        check.fail(fmt::format("{} border of {}: a child's vertex entered below level {}", border_name(b), node.id.text(), level + 1));
+        check.fail(fmt::format("{} border of {}: a child's vertex entered below level {}", border_name(b),
+                               node.id.text(), level + 1));
       }
     }
   }

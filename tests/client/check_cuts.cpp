@@ -28,7 +28,8 @@ void add_leaf(Run& run, const Cut& cut, const Node& leaf, GlobeMesh& mesh, CutFi
       return divided;
     });
     ++figures.joints;
-    figures.joints_by_gap.resize(std::max(figures.joints_by_gap.size(), static_cast<std::size_t>(deepest - leaf.id.level) + 1));
+    figures.joints_by_gap.resize(
+        std::max(figures.joints_by_gap.size(), static_cast<std::size_t>(deepest - leaf.id.level) + 1));
     ++figures.joints_by_gap[static_cast<std::size_t>(deepest - leaf.id.level)];
     auto inserts = decode_by_entry_levels(*leaf.tile, b, line);
     if (!inserts) {
@@ -47,7 +48,8 @@ void add_leaf(Run& run, const Cut& cut, const Node& leaf, GlobeMesh& mesh, CutFi
   figures.tessellated_vts += tessellated->changed_vts;
   mesh.add(leaf.id, tessellated->vertices, tessellated->triangles);
   if (run.posts == nullptr) return;
-  const double error = scan_changed_triangles(run, leaf.id, *tessellated, run.check("cut-error"), "in cut '" + cut.kind + "'");
+  const double error =
+      scan_changed_triangles(run, leaf.id, *tessellated, run.check("cut-error"), "in cut '" + cut.kind + "'");
   figures.max_error_m = std::max(figures.max_error_m, error);
   figures.max_error_of_tolerance = std::max(figures.max_error_of_tolerance, error / run.tolerance_m(leaf.id.level));
 }
@@ -81,7 +83,8 @@ void check_cuts(Run& run) {
     check.fail(fmt::format("root tile 0/{}/0 could not be read: no cut covers the globe", x));
     return;
   }
-  const bool can_divide = std::any_of(pyramid.nodes().begin(), pyramid.nodes().end(), [](const Node& n) { return n.splittable(); });
+  const bool can_divide =
+      std::any_of(pyramid.nodes().begin(), pyramid.nodes().end(), [](const Node& n) { return n.splittable(); });
   if (!can_divide && run.posts != nullptr) run.check("cut-error").skip("no tile has children");
   // Each worker reuses one mesh for its cuts.
   std::atomic<int> next{0};

@@ -45,8 +45,9 @@ void check_header(Run& run, const Node& node, const VnTile& vn) {
   const auto expect = [&](bool good, const std::string& what) {
     if (!good) check.fail(name + what);
   };
-  expect(vn.lattice_level == run.manifest.frame.lattice_level && vn.height_exponent == run.manifest.frame.height_exponent,
-         "lattice level or height exponent are not the manifest's");
+  expect(
+      vn.lattice_level == run.manifest.frame.lattice_level && vn.height_exponent == run.manifest.frame.height_exponent,
+      "lattice level or height exponent are not the manifest's");
   expect(vn.tolerance_m == static_cast<float>(tolerance),
          fmt::format("E_L is {} m, the manifest says {} m", vn.tolerance_m, tolerance));
   expect(tile.coverage == node.coverage,
@@ -82,12 +83,14 @@ std::string describe_difference(const Tile& served, const Tile& own) {
   for (std::size_t k = 0; k < own.vertices.size(); ++k) {
     const Vertex &a = served.vertices[k], &b = own.vertices[k];
     if (a != b) {
-      return fmt::format("vertex {} is ({}, {}) height {}, in the parts ({}, {}) height {}", k, a.x, a.y, a.z, b.x, b.y, b.z);
+      return fmt::format("vertex {} is ({}, {}) height {}, in the parts ({}, {}) height {}", k, a.x, a.y, a.z, b.x, b.y,
+                         b.z);
     }
   }
   if (served.entries != own.entries) return "entry levels differ";
   if (served.triangles != own.triangles) return "triangles differ";
-  if (served.vts != own.vts || served.runs != own.runs || served.n_gaps != own.n_gaps) return "virtual triangles differ";
+  if (served.vts != own.vts || served.runs != own.runs || served.n_gaps != own.n_gaps)
+    return "virtual triangles differ";
   if (served.max_error_m != own.max_error_m || served.rmse_m != own.rmse_m) return "stored errors differ";
   return "header fields differ";
 }
@@ -133,7 +136,8 @@ void check_outside(Run& run) {
   absent.push_back({0, 2, 0});
   absent.push_back({0, 0, 1});
   for (const TileId& id : absent) {
-    for (const std::string& path : {id.text() + ".vn", id.text() + ".parts", id.text() + ".terrain", "body/" + id.text()}) {
+    for (const std::string& path :
+         {id.text() + ".vn", id.text() + ".parts", id.text() + ".terrain", "body/" + id.text()}) {
       check.looked_at();
       const auto answer = run.source.get(run.route(path));
       if (!answer) {
@@ -257,9 +261,9 @@ void check_pieces(Run& run) {
     const auto edge = [&](char direction, std::uint32_t i, std::uint32_t j) {
       return fmt::format("edge/{}/{}/{}/{}", id.level, direction, i, j);
     };
-    const std::array<std::string, 9> routes = {corner(id.x, id.y),       edge('h', id.x, id.y), corner(x1, id.y),
-                                               edge('v', x1, id.y),      corner(x1, y1),        edge('h', id.x, y1),
-                                               corner(id.x, y1),         edge('v', id.x, id.y), "body/" + id.text()};
+    const std::array<std::string, 9> routes = {corner(id.x, id.y),  edge('h', id.x, id.y), corner(x1, id.y),
+                                               edge('v', x1, id.y), corner(x1, y1),        edge('h', id.x, y1),
+                                               corner(id.x, y1),    edge('v', id.x, id.y), "body/" + id.text()};
     for (std::size_t k = 0; k < 9; ++k) {
       check.looked_at();
       const std::string path = run.route(routes[k]);
@@ -272,7 +276,8 @@ void check_pieces(Run& run) {
         check.fail(fmt::format("{} has Content-Type '{}'", path, piece->content_type));
       } else {
         const auto record = open_value(piece->body), stored = open_value(bundle->values[k]);
-        if (!record || !stored || *record != *stored) check.fail(path + " is not the record in " + id.text() + ".parts");
+        if (!record || !stored || *record != *stored)
+          check.fail(path + " is not the record in " + id.text() + ".parts");
       }
     }
   });
@@ -305,9 +310,8 @@ void check_codes(Run& run) {
             ++pieces.back();
           }
         }
-        borders.push_back({{"runs", pieces},
-                           {"starts_inside", entries.front() > coarse},
-                           {"ends_inside", entries.back() > coarse}});
+        borders.push_back(
+            {{"runs", pieces}, {"starts_inside", entries.front() > coarse}, {"ends_inside", entries.back() > coarse}});
       }
       own["gaps"].push_back({{"gap", gap}, {"level", coarse}, {"borders", borders}});
     }

@@ -22,15 +22,20 @@ SurfacePoint surface_point(const Vertex& v, double unit_m) {
 class Judge {
  public:
   Judge(const Run& run, const TileId& id, Check& check, std::string situation)
-      : run_(run), posts_(*run.posts), id_(id), check_(check), situation_(std::move(situation)),
+      : run_(run),
+        posts_(*run.posts),
+        id_(id),
+        check_(check),
+        situation_(std::move(situation)),
         tolerance_m_(run.tolerance_m(id.level)) {}
   Judge(const Judge&) = delete;
   Judge& operator=(const Judge&) = delete;
   ~Judge() {
     check_.looked_at(looked_at_);
     if (n_disputed_ > 0) {
-      check_.note(fmt::format("tile {}: {} post(s) are beyond E_L only where the sources themselves disagree (by up to {} m)", id_.text(),
-                              n_disputed_, run_.manifest.disagreement_m));
+      check_.note(
+          fmt::format("tile {}: {} post(s) are beyond E_L only where the sources themselves disagree (by up to {} m)",
+                      id_.text(), n_disputed_, run_.manifest.disagreement_m));
     }
   }
 
@@ -48,9 +53,11 @@ class Judge {
       ++n_disputed_;
       return;
     }
-    check_.fail(fmt::format("tile {}{}: post at longitude {:.6f}, latitude {:.6f}: source {} m, TIN {:.3f} m, off by {:.3f} m > E_L {:.3f} m",
-                            id_.text(), situation_.empty() ? "" : " " + situation_, posts_.longitude_deg(column),
-                            posts_.latitude_deg(row), height, z_m, errors.farthest, tolerance_m_));
+    check_.fail(
+        fmt::format("tile {}{}: post at longitude {:.6f}, latitude {:.6f}: source {} m, TIN {:.3f} m, off by {:.3f} m "
+                    "> E_L {:.3f} m",
+                    id_.text(), situation_.empty() ? "" : " " + situation_, posts_.longitude_deg(column),
+                    posts_.latitude_deg(row), height, z_m, errors.farthest, tolerance_m_));
   }
   double worst() const { return worst_; }
 
@@ -88,8 +95,8 @@ struct PostSums {
   double rmse_high() const { return n_posts > 0 ? std::sqrt(squares_high / static_cast<double>(n_posts)) : 0; }
 };
 
-/// Which sides of its tile a post lies on within the rounding of real positions. A body counts posts with west <= X < east and
-/// south <= Y < north; on which side of a line such a post falls is a matter of the last bit.
+/// Which sides of its tile a post lies on within the rounding of real positions. A body counts posts with west <= X <
+/// east and south <= Y < north; on which side of a line such a post falls is a matter of the last bit.
 enum SideBit : unsigned { kOnWest = 1, kOnEast = 2, kOnSouth = 4, kOnNorth = 8, kSideBits = 16 };
 
 /// Posts of the closed tile, apart by the sides they lie on.
@@ -129,8 +136,8 @@ void compare_stored(Run& run, const Tile& tile, const TileSums& sums) {
   if (!count_fits) {
     check.fail(fmt::format("{}says {} source posts, the source has {} in it", name, tile.n_posts, s.n_posts));
   } else {
-    check.fail(fmt::format("{}says max error {:.6f} m and RMSE {:.6f} m, measured {:.6f} m and {:.6f} m", name, stored_max, stored_rmse,
-                           s.max_high, s.rmse_high()));
+    check.fail(fmt::format("{}says max error {:.6f} m and RMSE {:.6f} m, measured {:.6f} m and {:.6f} m", name,
+                           stored_max, stored_rmse, s.max_high, s.rmse_high()));
   }
 }
 
@@ -145,9 +152,12 @@ TileSums measure_tile(Run& run, const Tile& tile, std::vector<double>& surface) 
   for (const PostWindow& w : post_windows(posts, frame, tile.id)) {
     surface.assign(static_cast<std::size_t>(w.n_rows * w.n_columns), std::numeric_limits<double>::quiet_NaN());
     for (const Corners& t : tile.triangles) {
-      const std::array<SurfacePoint, 3> p = {surface_point(tile.vertices[t[0]], unit), surface_point(tile.vertices[t[1]], unit),
+      const std::array<SurfacePoint, 3> p = {surface_point(tile.vertices[t[0]], unit),
+                                             surface_point(tile.vertices[t[1]], unit),
                                              surface_point(tile.vertices[t[2]], unit)};
-      scan_triangle(p, w, [&](std::int64_t r, std::int64_t c, double z) { surface[static_cast<std::size_t>(r * w.n_columns + c)] = z; });
+      scan_triangle(p, w, [&](std::int64_t r, std::int64_t c, double z) {
+        surface[static_cast<std::size_t>(r * w.n_columns + c)] = z;
+      });
     }
     for (std::int64_t r = 0; r < w.n_rows; ++r) {
       for (std::int64_t c = 0; c < w.n_columns; ++c) {
@@ -155,8 +165,8 @@ TileSums measure_tile(Run& run, const Tile& tile, std::vector<double>& surface) 
         if (std::isnan(posts.heights_m[static_cast<std::size_t>(at)])) continue;
         const double z = surface[static_cast<std::size_t>(r * w.n_columns + c)];
         if (std::isnan(z)) {
-          check.fail(fmt::format("tile {}: no triangle holds the post at longitude {:.6f}, latitude {:.6f}", tile.id.text(),
-                                 posts.longitude_deg(w.column0 + c), posts.latitude_deg(w.row0 + r)));
+          check.fail(fmt::format("tile {}: no triangle holds the post at longitude {:.6f}, latitude {:.6f}",
+                                 tile.id.text(), posts.longitude_deg(w.column0 + c), posts.latitude_deg(w.row0 + r)));
           continue;
         }
         judge.see(w.row0 + r, w.column0 + c, z);
@@ -211,12 +221,13 @@ void check_source_errors(Run& run) {
     }
   }
   if (run.posts->disagreement_m > 0) {
-    check.note(fmt::format("the sources disagree with each other by up to {} m at {} posts; the manifest says {} m from the field",
-                           run.posts->disagreement_m, run.posts->other_values.size(), run.manifest.disagreement_m));
+    check.note(fmt::format(
+        "the sources disagree with each other by up to {} m at {} posts; the manifest says {} m from the field",
+        run.posts->disagreement_m, run.posts->other_values.size(), run.manifest.disagreement_m));
   }
   if (run.manifest.disagreement_m > run.posts->disagreement_m + 1e-3) {
-    check.fail(fmt::format("the manifest claims the sources disagree by {} m, they differ by at most {} m", run.manifest.disagreement_m,
-                           run.posts->disagreement_m));
+    check.fail(fmt::format("the manifest claims the sources disagree by {} m, they differ by at most {} m",
+                           run.manifest.disagreement_m, run.posts->disagreement_m));
   }
 }
 
@@ -227,7 +238,8 @@ double scan_changed_triangles(const Run& run, const TileId& id, const Tessellate
   for (const PostWindow& w : post_windows(*run.posts, run.manifest.frame, id)) {
     for (std::size_t k = mesh.first_changed; k < mesh.triangles.size(); ++k) {
       const Corners& t = mesh.triangles[k];
-      const std::array<SurfacePoint, 3> p = {surface_point(mesh.vertices[t[0]], unit), surface_point(mesh.vertices[t[1]], unit),
+      const std::array<SurfacePoint, 3> p = {surface_point(mesh.vertices[t[0]], unit),
+                                             surface_point(mesh.vertices[t[1]], unit),
                                              surface_point(mesh.vertices[t[2]], unit)};
       scan_triangle(p, w, [&](std::int64_t r, std::int64_t c, double z) { judge.see(w.row0 + r, w.column0 + c, z); });
     }
@@ -244,7 +256,8 @@ void check_tessellated_errors(Run& run) {
   for_each_parallel(nodes.size(), run.options.threads, [&](std::size_t k) {
     const Node& node = nodes[k];
     if (node.tile == nullptr || post_windows(*run.posts, pyramid.frame(), node.id).empty()) return;
-    // All four sides at once against what stands beyond them down to level L + gap; deeper gaps until nothing new comes.
+    // All four sides at once against what stands beyond them down to level L + gap; deeper gaps until nothing new
+    // comes.
     for (int gap = 1;; ++gap) {
       std::array<std::optional<SideInserts>, 4> sides;
       bool new_depth = false;
@@ -271,7 +284,8 @@ void check_tessellated_errors(Run& run) {
         break;
       }
       if (mesh->changed_vts == 0) continue;
-      const double error = scan_changed_triangles(run, node.id, *mesh, check, fmt::format("against level {}", node.id.level + gap));
+      const double error =
+          scan_changed_triangles(run, node.id, *mesh, check, fmt::format("against level {}", node.id.level + gap));
       const std::lock_guard lock(run.figures_mutex);
       LevelFigures& figures = run.figures(node.id.level);
       figures.tessellated_max_error_m = std::max(figures.tessellated_max_error_m.value_or(0), error);

@@ -24,17 +24,18 @@ std::array<double, 3> to_globe(const ManifestView& m, double lon_deg, double lat
   const double f = 1 / m.inverse_flattening, e2 = f * (2 - f);
   const double sin_lat = std::sin(lat_deg * to_radians), cos_lat = std::cos(lat_deg * to_radians);
   const double n = m.semi_major_m / std::sqrt(1 - e2 * sin_lat * sin_lat);
-  return {(n + height_m) * cos_lat * std::cos(lon_deg * to_radians), (n + height_m) * cos_lat * std::sin(lon_deg * to_radians),
-          (n * (1 - e2) + height_m) * sin_lat};
+  return {(n + height_m) * cos_lat * std::cos(lon_deg * to_radians),
+          (n + height_m) * cos_lat * std::sin(lon_deg * to_radians), (n * (1 - e2) + height_m) * sin_lat};
 }
 
 /// Every vertex lies in the bounding sphere, within a millionth of its radius.
 bool sphere_holds_all(const ManifestView& m, const TileId& id, const TerrainMesh& mesh) {
   const double side_deg = 180.0 / TileId::count_y(id.level);
   for (std::size_t k = 0; k < mesh.u.size(); ++k) {
-    const auto p = to_globe(m, -180 + (id.x + mesh.u[k] / kMaxValue) * side_deg, -90 + (id.y + mesh.v[k] / kMaxValue) * side_deg,
-                            mesh.height_m(k));
-    const double distance = std::hypot(p[0] - mesh.sphere_center[0], p[1] - mesh.sphere_center[1], p[2] - mesh.sphere_center[2]);
+    const auto p = to_globe(m, -180 + (id.x + mesh.u[k] / kMaxValue) * side_deg,
+                            -90 + (id.y + mesh.v[k] / kMaxValue) * side_deg, mesh.height_m(k));
+    const double distance =
+        std::hypot(p[0] - mesh.sphere_center[0], p[1] - mesh.sphere_center[1], p[2] - mesh.sphere_center[2]);
     if (distance > mesh.sphere_radius * (1 + 1e-6) + 0.1) return false;
   }
   return true;
@@ -47,19 +48,24 @@ void check_heights(Run& run, const Node& node, const TerrainMesh& mesh, Check& c
   const auto header_low = static_cast<double>(mesh.min_height_m), header_high = static_cast<double>(mesh.max_height_m);
   const std::string name = "tile " + node.id.text() + ": ";
   if (header_low > low + step || header_high < high - step) {
-    check.fail(fmt::format("{}header heights {}..{} m do not hold the tile's {}..{} m", name, header_low, header_high, low, high));
+    check.fail(fmt::format("{}header heights {}..{} m do not hold the tile's {}..{} m", name, header_low, header_high,
+                           low, high));
   }
-  // Rounding may widen the true range by a step at each end before it is doubled. And 32767 equal steps between two 32-bit floats
-  // cannot be finer than what a float resolves at the tile's height.
-  const double finest = 32767 * std::ldexp(1.0, std::ilogb(std::max({std::abs(header_low), std::abs(header_high), 1.0})) - 23);
+  // Rounding may widen the true range by a step at each end before it is doubled. And 32767 equal steps between two
+  // 32-bit floats cannot be finer than what a float resolves at the tile's height.
+  const double finest =
+      32767 * std::ldexp(1.0, std::ilogb(std::max({std::abs(header_low), std::abs(header_high), 1.0})) - 23);
   if (header_high - header_low > std::max(2 * (high - low + 2 * step), finest)) {
-    check.fail(fmt::format("{}header heights span {} m, the tile {} m: more than twice", name, header_high - header_low, high - low));
+    check.fail(fmt::format("{}header heights span {} m, the tile {} m: more than twice", name, header_high - header_low,
+                           high - low));
   }
   if (run.posts != nullptr) return;
   // Without a source: the decoded mesh still has to have the tile's own heights, within rounding.
   const auto [lowest, highest] = std::minmax_element(mesh.h.begin(), mesh.h.end());
-  if (std::abs(mesh.height_m(static_cast<std::size_t>(lowest - mesh.h.begin())) - low) > 0.51 * step + run.tolerance_m(node.id.level) ||
-      std::abs(mesh.height_m(static_cast<std::size_t>(highest - mesh.h.begin())) - high) > 0.51 * step + run.tolerance_m(node.id.level)) {
+  if (std::abs(mesh.height_m(static_cast<std::size_t>(lowest - mesh.h.begin())) - low) >
+          0.51 * step + run.tolerance_m(node.id.level) ||
+      std::abs(mesh.height_m(static_cast<std::size_t>(highest - mesh.h.begin())) - high) >
+          0.51 * step + run.tolerance_m(node.id.level)) {
     check.fail(name + "the decoded mesh does not reach the tile's lowest and highest vertex within E_L");
   }
 }
@@ -128,31 +134,37 @@ void fetch_mesh(Run& run, std::size_t k) {
 
 /// Two borders of neighbours; empty: they agree.
 std::string compare_borders(const TerrainBorder& a, const TerrainBorder& b) {
-  if (a.positions.size() != b.positions.size()) return fmt::format("{} vertices against {}", a.positions.size(), b.positions.size());
+  if (a.positions.size() != b.positions.size())
+    return fmt::format("{} vertices against {}", a.positions.size(), b.positions.size());
   for (std::size_t k = 0; k < a.positions.size(); ++k) {
-    if (a.positions[k] != b.positions[k]) return fmt::format("vertex {}: position {} against {}", k, a.positions[k], b.positions[k]);
+    if (a.positions[k] != b.positions[k])
+      return fmt::format("vertex {}: position {} against {}", k, a.positions[k], b.positions[k]);
     if (a.heights_m[k] != b.heights_m[k]) {
-      return fmt::format("vertex {} at {}: height {} m against {} m", k, a.positions[k], a.heights_m[k], b.heights_m[k]);
+      return fmt::format("vertex {} at {}: height {} m against {} m", k, a.positions[k], a.heights_m[k],
+                         b.heights_m[k]);
     }
     const bool with_normals = !a.normals.empty() && !b.normals.empty();
-    if (with_normals && a.normals[k] != b.normals[k]) return fmt::format("vertex {} at {}: another normal", k, a.positions[k]);
+    if (with_normals && a.normals[k] != b.normals[k])
+      return fmt::format("vertex {} at {}: another normal", k, a.positions[k]);
   }
   return "";
 }
 
 /// Tiles of one level that layer.json calls available; nullopt when the JSON is not as clients need it.
-std::optional<std::set<std::pair<std::uint32_t, std::uint32_t>>> available_tiles(const nlohmann::json& ranges, int level,
-                                                                                 std::uint64_t at_most) {
+std::optional<std::set<std::pair<std::uint32_t, std::uint32_t>>> available_tiles(const nlohmann::json& ranges,
+                                                                                 int level, std::uint64_t at_most) {
   std::set<std::pair<std::uint32_t, std::uint32_t>> tiles;
   if (!ranges.is_array()) return std::nullopt;
   for (const auto& range : ranges) {
     std::array<std::uint64_t, 4> v{};
     static constexpr std::array<const char*, 4> kNames = {"startX", "startY", "endX", "endY"};
     for (std::size_t k = 0; k < 4; ++k) {
-      if (!range.is_object() || !range.contains(kNames[k]) || !range[kNames[k]].is_number_unsigned()) return std::nullopt;
+      if (!range.is_object() || !range.contains(kNames[k]) || !range[kNames[k]].is_number_unsigned())
+        return std::nullopt;
       v[k] = range[kNames[k]].get<std::uint64_t>();
     }
-    if (v[2] < v[0] || v[3] < v[1] || v[2] >= TileId::count_x(level) || v[3] >= TileId::count_y(level)) return std::nullopt;
+    if (v[2] < v[0] || v[3] < v[1] || v[2] >= TileId::count_x(level) || v[3] >= TileId::count_y(level))
+      return std::nullopt;
     if ((v[2] - v[0] + 1) * (v[3] - v[1] + 1) > at_most) return std::nullopt;
     for (auto y = v[1]; y <= v[3]; ++y) {
       for (auto x = v[0]; x <= v[2]; ++x) tiles.emplace(static_cast<std::uint32_t>(y), static_cast<std::uint32_t>(x));
@@ -181,8 +193,9 @@ void check_terrain_borders(Run& run) {
       check.looked_at();
       const std::string difference = compare_borders(here, there);
       if (difference.empty()) continue;
-      check.fail(fmt::format("{} border of {}.terrain is not the {} border of {}.terrain: {}", kEdgeNames[e], nodes[k].id.text(),
-                             kEdgeNames[e + 2], nodes[static_cast<std::size_t>(beyond)].id.text(), difference));
+      check.fail(fmt::format("{} border of {}.terrain is not the {} border of {}.terrain: {}", kEdgeNames[e],
+                             nodes[k].id.text(), kEdgeNames[e + 2], nodes[static_cast<std::size_t>(beyond)].id.text(),
+                             difference));
     }
   }
 }
@@ -205,10 +218,12 @@ void check_layer_json(Run& run) {
   expect("version", layer.contains("version") && layer["version"].is_string(), "a string");
   expect("scheme", is_text("scheme", "tms"), "'tms'");
   expect("projection", is_text("projection", "EPSG:4326"), "'EPSG:4326'");
-  expect("bounds", layer.contains("bounds") && layer["bounds"].is_array() && layer["bounds"].size() == 4, "four numbers");
+  expect("bounds", layer.contains("bounds") && layer["bounds"].is_array() && layer["bounds"].size() == 4,
+         "four numbers");
   expect("minzoom", layer.contains("minzoom") && layer["minzoom"] == 0, "0");
   expect("maxzoom", layer.contains("maxzoom") && layer["maxzoom"] == run.manifest.bottom_level, "the bottom level");
-  const bool has_tiles = layer.contains("tiles") && layer["tiles"].is_array() && !layer["tiles"].empty() && layer["tiles"][0].is_string();
+  const bool has_tiles =
+      layer.contains("tiles") && layer["tiles"].is_array() && !layer["tiles"].empty() && layer["tiles"][0].is_string();
   expect("tiles", has_tiles && layer["tiles"][0].get<std::string>().find("{z}/{x}/{y}.terrain") != std::string::npos,
          "a list with a {z}/{x}/{y}.terrain template");
   const bool has_levels = layer.contains("available") && layer["available"].is_array() &&
@@ -217,16 +232,18 @@ void check_layer_json(Run& run) {
   if (!has_levels) return;
   for (const LevelView& level : run.manifest.levels) {
     check.looked_at();
-    const auto claimed = available_tiles(layer["available"][static_cast<std::size_t>(level.level)], level.level, level.n_tiles);
+    const auto claimed =
+        available_tiles(layer["available"][static_cast<std::size_t>(level.level)], level.level, level.n_tiles);
     std::set<std::pair<std::uint32_t, std::uint32_t>> stored;
     for (const StoredRun& row : level.rows) {
       for (std::uint32_t x = row.x_first; x <= row.x_last; ++x) stored.emplace(row.y, x);
     }
     if (!claimed) {
-      check.fail(fmt::format("layer.json: 'available' of level {} is broken or names more tiles than are stored", level.level));
+      check.fail(fmt::format("layer.json: 'available' of level {} is broken or names more tiles than are stored",
+                             level.level));
     } else if (*claimed != stored) {
-      check.fail(fmt::format("layer.json: level {} has {} tiles available, {} are stored; they differ", level.level, claimed->size(),
-                             stored.size()));
+      check.fail(fmt::format("layer.json: level {} has {} tiles available, {} are stored; they differ", level.level,
+                             claimed->size(), stored.size()));
     }
   }
 }

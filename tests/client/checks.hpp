@@ -26,7 +26,7 @@ struct Run {
   const ManifestView& manifest;
   Pyramid& pyramid;
   Report& report;
-  std::mutex figures_mutex{};  ///< Guards report.levels and report.cuts.
+  std::mutex figures_mutex{};                                   ///< Guards report.levels and report.cuts.
   std::vector<std::array<TerrainBorder, 4>> terrain_borders{};  ///< Per node; west, south, east, north.
 
   std::string route(const std::string& rest) const { return "/" + options.dataset + "/" + rest; }
@@ -56,8 +56,8 @@ void check_cuts(Run& run);
 /// |TIN - h| at the source's posts: as stored, and with all four sides tessellated against each finer level.
 void check_source_errors(Run& run);
 void check_tessellated_errors(Run& run);
-/// Largest error of the posts in the re-triangulated virtual triangles of `tile`; findings go to `check`. Returns metres, 0 when no
-/// post lies in one.
+/// Largest error of the posts in the re-triangulated virtual triangles of `tile`; findings go to `check`. Returns
+/// metres, 0 when no post lies in one.
 struct TessellatedTile;
 double scan_changed_triangles(const Run& run, const TileId& id, const TessellatedTile& mesh, Check& check,
                               const std::string& situation);

@@ -18,7 +18,8 @@ double unit(Random& random) { return static_cast<double>(random() >> 11) * 0x1p-
 
 /// Divides all ancestors of a node.
 void reach(const Pyramid& pyramid, std::int32_t index, std::vector<std::uint8_t>& split) {
-  for (std::int32_t k = pyramid.node(index).parent; k >= 0; k = pyramid.node(k).parent) split[static_cast<std::size_t>(k)] = 1;
+  for (std::int32_t k = pyramid.node(index).parent; k >= 0; k = pyramid.node(k).parent)
+    split[static_cast<std::size_t>(k)] = 1;
 }
 
 /// Divides everything below a node.
@@ -93,7 +94,8 @@ Cut plan_cut(const Pyramid& pyramid, std::uint64_t seed, int index) {
     cut.kind = "nothing divided";
   } else if (index == 0) {
     cut.kind = "everything divided";
-    for (const std::int32_t root : {pyramid.find({0, 0, 0}), pyramid.find({0, 1, 0})}) divide_all(pyramid, root, cut.split);
+    for (const std::int32_t root : {pyramid.find({0, 0, 0}), pyramid.find({0, 1, 0})})
+      divide_all(pyramid, root, cut.split);
   } else if (index < 6) {
     const std::int32_t alone = pick(random, most_exposed(pyramid));
     cut.kind = fmt::format("{} alone", pyramid.node(alone).id.text());
@@ -112,7 +114,8 @@ Cut plan_cut(const Pyramid& pyramid, std::uint64_t seed, int index) {
   // Keep only divisions that are reached, and list the leaves.
   for (std::size_t k = 0; k < cut.split.size(); ++k) {
     const std::int32_t parent = pyramid.nodes()[k].parent;
-    const bool reached = parent < 0 ? pyramid.nodes()[k].id.level == 0 : cut.split[static_cast<std::size_t>(parent)] != 0;
+    const bool reached =
+        parent < 0 ? pyramid.nodes()[k].id.level == 0 : cut.split[static_cast<std::size_t>(parent)] != 0;
     if (!reached || !pyramid.nodes()[k].splittable()) {
       if (reached) cut.leaves.push_back(static_cast<std::int32_t>(k));
       cut.split[k] = 0;

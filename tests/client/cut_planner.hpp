@@ -16,9 +16,9 @@ struct Cut {
   std::vector<std::int32_t> leaves;
 };
 
-/// Cut number `index` of a run: the same for the same seed. The first few are adversarial (everything divided; nothing divided; a deepest
-/// tile alone amid the coarsest possible neighbours; one side of a line deep, the other not), the others random with
-/// strongly mixed levels, biased so that tiles with data get deep.
+/// Cut number `index` of a run: the same for the same seed. The first few are adversarial (everything divided; nothing
+/// divided; a deepest tile alone amid the coarsest possible neighbours; one side of a line deep, the other not), the
+/// others random with strongly mixed levels, biased so that tiles with data get deep.
 Cut plan_cut(const Pyramid& pyramid, std::uint64_t seed, int index);
 
 }  // namespace tind::client

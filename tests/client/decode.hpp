@@ -10,8 +10,8 @@
 
 namespace tind::client {
 
-/// The client's own decoders, written from docs/format.md alone. All are pure, thread safe and safe for any bytes; a refusal names
-/// the field.
+/// The client's own decoders, written from docs/format.md alone. All are pure, thread safe and safe for any bytes; a
+/// refusal names the field.
 
 /// An edge record (docs/format.md 4), stored direction, without the corners.
 struct EdgeRecord {

@@ -46,7 +46,8 @@ void GlobeMesh::add_fault(std::string fault) {
 
 std::string GlobeMesh::place(const Point& p) const {
   return fmt::format("lattice ({}, {}) height {} (longitude {:.6f}, latitude {:.6f})", p.x, p.y, p.z,
-                     static_cast<double>(p.x) * frame_.step_deg() - 180, static_cast<double>(p.y) * frame_.step_deg() - 90);
+                     static_cast<double>(p.x) * frame_.step_deg() - 180,
+                     static_cast<double>(p.y) * frame_.step_deg() - 90);
 }
 
 void GlobeMesh::grow_points() {
@@ -95,7 +96,8 @@ void GlobeMesh::grow_edges() {
 void GlobeMesh::add_edge(std::uint32_t from, std::uint32_t to, std::int64_t dx) {
   if (n_edges_ * 2 >= edge_slots_.size()) grow_edges();
   const bool back = from > to;
-  // Two edges between the same two points are different when each spans half the globe, one eastwards and one westwards.
+  // Two edges between the same two points are different when each spans half the globe, one eastwards and one
+  // westwards.
   const std::int64_t ahead = back ? -dx : dx;
   const std::uint64_t east_half = ahead == frame_.width() / 2 ? 1 : 0;
   const std::uint64_t low = std::min(from, to), high = std::max(from, to);
@@ -148,8 +150,8 @@ std::vector<std::string> GlobeMesh::find_faults() const {
     const bool pole_row = a.y == b.y && (a.y == 0 || a.y == frame_.height());
     if (pole_row && (edge_uses_[k] == 1 || edge_uses_[k] == 1 << 2)) continue;
     if (n_open++ < kEnough) {
-      faults.push_back(fmt::format("crack or overlap: edge from {} to {} is used {} time(s) one way and {} the other", place(a),
-                                   place(b), edge_uses_[k] & 3, edge_uses_[k] >> 2));
+      faults.push_back(fmt::format("crack or overlap: edge from {} to {} is used {} time(s) one way and {} the other",
+                                   place(a), place(b), edge_uses_[k] & 3, edge_uses_[k] >> 2));
     }
   }
   if (n_open > kEnough) faults.push_back(fmt::format("{} such edges in all", n_open));

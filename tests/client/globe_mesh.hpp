@@ -10,7 +10,8 @@
 
 namespace tind::client {
 
-/// All triangles of a cut of the globe in lattice integers, X modulo the width. Exact; finds out whether they form one surface.
+/// All triangles of a cut of the globe in lattice integers, X modulo the width. Exact; finds out whether they form one
+/// surface.
 class GlobeMesh {
  public:
   explicit GlobeMesh(const LatticeFrame& frame);
@@ -19,8 +20,8 @@ class GlobeMesh {
   void clear();
   /// Adds the triangles of one tile; vertices are relative to its SW corner.
   void add(const TileId& id, std::span<const Vertex> vertices, std::span<const Corners> triangles);
-  /// Looks at the whole: one line per fault, at most a few. Heights, areas, and each directed edge once with its reverse once
-  /// except along the two pole rows.
+  /// Looks at the whole: one line per fault, at most a few. Heights, areas, and each directed edge once with its
+  /// reverse once except along the two pole rows.
   std::vector<std::string> find_faults() const;
   std::uint64_t n_triangles() const { return n_triangles_; }
 
@@ -38,13 +39,14 @@ class GlobeMesh {
 
   LatticeFrame frame_;
   std::vector<Point> points_;
-  std::vector<std::uint32_t> point_slots_;       ///< Open addressing: number + 1, 0 empty.
-  std::vector<std::uint64_t> edge_slots_;        ///< Open addressing: code of the undirected edge, 0 empty.
-  std::vector<std::uint8_t> edge_uses_;          ///< Times used: bits 0-1 from the lower number on, bits 2-3 back; 3 means 3 or more.
+  std::vector<std::uint32_t> point_slots_;  ///< Open addressing: number + 1, 0 empty.
+  std::vector<std::uint64_t> edge_slots_;   ///< Open addressing: code of the undirected edge, 0 empty.
+  std::vector<std::uint8_t>
+      edge_uses_;  ///< Times used: bits 0-1 from the lower number on, bits 2-3 back; 3 means 3 or more.
   std::uint64_t n_edges_ = 0;
   std::uint64_t n_triangles_ = 0;
   Int128 twice_area_ = 0;
-  std::vector<std::uint32_t> local_;             ///< Scratch: point numbers of the tile being added.
+  std::vector<std::uint32_t> local_;  ///< Scratch: point numbers of the tile being added.
   std::vector<std::string> faults_;
 };
 

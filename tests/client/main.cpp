@@ -25,8 +25,10 @@ struct Arguments {
 };
 
 void describe_options(CLI::App& app, Arguments& a) {
-  app.add_option("URL", a.url, "The dataset: http://HOST:PORT/NAME (NAME may be left out when there is only one)")->required();
-  app.add_option("--source", a.sources, "Raster(s) that the pyramid was built from: check |TIN - h| <= E_L at every post");
+  app.add_option("URL", a.url, "The dataset: http://HOST:PORT/NAME (NAME may be left out when there is only one)")
+      ->required();
+  app.add_option("--source", a.sources,
+                 "Raster(s) that the pyramid was built from: check |TIN - h| <= E_L at every post");
   app.add_option("--cuts", a.verify.cuts, "Quadtree cuts of the globe to join and check")
       ->check(CLI::NonNegativeNumber)
       ->capture_default_str();
@@ -34,8 +36,11 @@ void describe_options(CLI::App& app, Arguments& a) {
   app.add_option("--sample", a.verify.sample, "Look at this share of the tiles only, in (0, 1]")
       ->check(CLI::Range(1e-9, 1.0))
       ->capture_default_str();
-  app.add_option("--threads", a.verify.threads, "Threads to work with")->check(CLI::Range(1, 256))->capture_default_str();
-  app.add_option("--nodata", a.source_options.nodata, "Value that marks a void in the sources (default: as the file says)");
+  app.add_option("--threads", a.verify.threads, "Threads to work with")
+      ->check(CLI::Range(1, 256))
+      ->capture_default_str();
+  app.add_option("--nodata", a.source_options.nodata,
+                 "Value that marks a void in the sources (default: as the file says)");
   app.add_option("--metres-per-unit", a.source_options.metres_per_unit,
                  "Vertical unit of the sources (default: as the file says)");
   app.add_option("--json", a.json_path, "Write everything that was found to this file");
@@ -89,8 +94,9 @@ int run(Arguments a) {
 
 int main(int argc, char** argv) {
   Arguments arguments;
-  CLI::App app("tind-verify: proves over HTTP that a tind pyramid is seamless and within its tolerances.\n"
-               "Exit status: 0 all checks held, 1 a check failed or the server could not be asked, 2 wrong usage.");
+  CLI::App app(
+      "tind-verify: proves over HTTP that a tind pyramid is seamless and within its tolerances.\n"
+      "Exit status: 0 all checks held, 1 a check failed or the server could not be asked, 2 wrong usage.");
   describe_options(app, arguments);
   try {
     app.parse(argc, argv);

@@ -23,14 +23,15 @@ class MemberReader {
   }
   std::uint64_t count(const char* name) {
     const json* member = find(name);
-    return member != nullptr && expect(member->is_number_unsigned(), name, "a count") ? member->get<std::uint64_t>() : 0;
+    return member != nullptr && expect(member->is_number_unsigned(), name, "a count") ? member->get<std::uint64_t>()
+                                                                                      : 0;
   }
   int small(const char* name, int low, int high) {
     const json* member = find(name);
     if (member == nullptr || !expect(member->is_number_integer(), name, "an integer")) return low;
     const auto value = member->get<std::int64_t>();
     return expect(value >= low && value <= high, name, fmt::format("in {}..{}", low, high)) ? static_cast<int>(value)
-                                                                                          : low;
+                                                                                            : low;
   }
   std::string string(const char* name) {
     const json* member = find(name);
@@ -123,8 +124,8 @@ void find_row_faults(const ManifestView& m, const LevelView& level, std::vector<
     const StoredRun& before = level.rows[k - 1];
     const bool sorted = before.y < run.y || (before.y == run.y && before.x_last < run.x_first);
     if (!sorted) {
-      faults.push_back(fmt::format("level {}: rows are not sorted or overlap at y {}, x {}", level.level, run.y,
-                                   run.x_first));
+      faults.push_back(
+          fmt::format("level {}: rows are not sorted or overlap at y {}, x {}", level.level, run.y, run.x_first));
     } else if (before.y == run.y && before.x_last + 1 == run.x_first && before.coverage == run.coverage) {
       faults.push_back(fmt::format("level {}: the run at y {}, x {} is not maximal", level.level, run.y, run.x_first));
     }
@@ -228,8 +229,8 @@ Outcome<ManifestView> read_manifest(BlobView bytes) {
     return refuse(fmt::format("meta.json: {} levels, but bottom_level is {}", levels.size(), m.bottom_level));
   }
   if (m.bottom_level > m.frame.lattice_level) {
-    return refuse(fmt::format("meta.json: bottom_level {} is below lattice_level {}", m.bottom_level,
-                              m.frame.lattice_level));
+    return refuse(
+        fmt::format("meta.json: bottom_level {} is below lattice_level {}", m.bottom_level, m.frame.lattice_level));
   }
   for (int level = 0; level <= m.bottom_level; ++level) {
     auto view = read_level(levels[static_cast<std::size_t>(level)], level);
@@ -259,8 +260,8 @@ std::vector<std::string> find_manifest_faults(const ManifestView& m) {
   for (const LevelView& level : m.levels) {
     const double doubled = std::ldexp(e_bottom, m.bottom_level - level.level);
     expect(std::abs(level.tolerance_m - doubled) <= 1e-9 * doubled,
-           fmt::format("level {}: E_L is {} m, not {} m (it halves from level to level)", level.level, level.tolerance_m,
-                       doubled));
+           fmt::format("level {}: E_L is {} m, not {} m (it halves from level to level)", level.level,
+                       level.tolerance_m, doubled));
     expect(level.max_error_m <= level.tolerance_m * (1 + 1e-6),
            fmt::format("level {}: max_error_m {} is above E_L {}", level.level, level.max_error_m, level.tolerance_m));
     expect(level.rmse_m <= level.max_error_m * (1 + 1e-6),

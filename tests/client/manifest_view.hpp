@@ -48,8 +48,8 @@ struct ManifestView {
   std::uint64_t n_tiles() const;
 };
 
-/// Reads meta.json. Refuses text that is no JSON, members that are missing or of the wrong type, and numbers that the rest could
-/// not work with (lattice or levels out of range, rows outside the level). All else is for the checks.
+/// Reads meta.json. Refuses text that is no JSON, members that are missing or of the wrong type, and numbers that the
+/// rest could not work with (lattice or levels out of range, rows outside the level). All else is for the checks.
 Outcome<ManifestView> read_manifest(BlobView json);
 
 /// Every rule that docs/format.md 9 states about the manifest alone: one line per violation.

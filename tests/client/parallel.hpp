@@ -9,7 +9,8 @@
 
 namespace tind::client {
 
-/// Calls work(k) for k in [0, n) from `n_threads` threads, small k first; returns when all are done. work must not throw.
+/// Calls work(k) for k in [0, n) from `n_threads` threads, small k first; returns when all are done. work must not
+/// throw.
 template <class Work>
 void for_each_parallel(std::size_t n, unsigned n_threads, const Work& work) {
   std::atomic<std::size_t> next{0};

@@ -13,8 +13,8 @@ std::vector<PostWindow> post_windows(const SourcePosts& posts, const LatticeFram
   w.nudge = 1e-5 + 1e-13 * static_cast<double>(frame.width());
   const double south = (posts.south_deg + 90.0) / step - static_cast<double>(frame.origin_y(id));
   w.row0 = std::max<std::int64_t>(0, static_cast<std::int64_t>(std::ceil((-south - w.nudge) / w.dy)));
-  const auto last_row = std::min<std::int64_t>(posts.n_rows - 1,
-                                               static_cast<std::int64_t>(std::floor((side - south + w.nudge) / w.dy)));
+  const auto last_row =
+      std::min<std::int64_t>(posts.n_rows - 1, static_cast<std::int64_t>(std::floor((side - south + w.nudge) / w.dy)));
   w.n_rows = last_row - w.row0 + 1;
   w.y = south + static_cast<double>(w.row0) * w.dy;
   std::vector<PostWindow> windows;
@@ -24,8 +24,8 @@ std::vector<PostWindow> post_windows(const SourcePosts& posts, const LatticeFram
                         static_cast<double>(frame.origin_x(id));
     PostWindow at = w;
     at.column0 = std::max<std::int64_t>(0, static_cast<std::int64_t>(std::ceil((-west - w.nudge) / w.dx)));
-    const auto last = std::min<std::int64_t>(posts.n_cols - 1,
-                                             static_cast<std::int64_t>(std::floor((side - west + w.nudge) / w.dx)));
+    const auto last =
+        std::min<std::int64_t>(posts.n_cols - 1, static_cast<std::int64_t>(std::floor((side - west + w.nudge) / w.dx)));
     at.n_columns = last - at.column0 + 1;
     at.x = west + static_cast<double>(at.column0) * at.dx;
     if (at.n_columns > 0) windows.push_back(at);

@@ -12,13 +12,14 @@
 
 namespace tind::client {
 
-/// A point of a surface over a tile: lattice steps from the SW corner, metres. Lattice integers up to 2^45 are exact here.
+/// A point of a surface over a tile: lattice steps from the SW corner, metres. Lattice integers up to 2^45 are exact
+/// here.
 struct SurfacePoint {
   double x = 0, y = 0, z_m = 0;
 };
 
-/// The posts that lie in the closed area of a tile: rows row0.. and columns column0.. of the grid, post (row0 + r, column0 + c) at
-/// (x + c * dx, y + r * dy) steps from the tile's SW corner.
+/// The posts that lie in the closed area of a tile: rows row0.. and columns column0.. of the grid, post (row0 + r,
+/// column0 + c) at (x + c * dx, y + r * dy) steps from the tile's SW corner.
 struct PostWindow {
   std::int64_t row0 = 0, column0 = 0, n_rows = 0, n_columns = 0;
   double x = 0, y = 0, dx = 0, dy = 0;
@@ -28,11 +29,13 @@ struct PostWindow {
   double post_y(std::int64_t r) const { return y + static_cast<double>(r) * dy; }
 };
 
-/// The windows of a tile: one, or two where the grid and the tile meet on both sides of longitude 180. Empty ones are left out.
+/// The windows of a tile: one, or two where the grid and the tile meet on both sides of longitude 180. Empty ones are
+/// left out.
 std::vector<PostWindow> post_windows(const SourcePosts& posts, const LatticeFrame& frame, const TileId& id);
 
-/// Calls visit(r, c, z_m) for every post of the window in the closed triangle, with the surface's height at the post's own real
-/// position. Heights are interpolated along the triangle's sides, then along the row, so a sliver cannot leave the range of its corners.
+/// Calls visit(r, c, z_m) for every post of the window in the closed triangle, with the surface's height at the post's
+/// own real position. Heights are interpolated along the triangle's sides, then along the row, so a sliver cannot leave
+/// the range of its corners.
 template <class Visit>
 void scan_triangle(const std::array<SurfacePoint, 3>& p, const PostWindow& w, const Visit& visit) {
   const double low = std::min({p[0].y, p[1].y, p[2].y}), high = std::max({p[0].y, p[1].y, p[2].y});
@@ -83,8 +86,8 @@ struct PostErrors {
 /// Distances of `z_m` from every value at grid index `at`, which must have one.
 PostErrors post_errors(const SourcePosts& posts, std::int64_t at, double z_m);
 
-/// What |TIN - h| may exceed E_L by without being an error: rounding of this program's own arithmetic, and of heights that are
-/// no floats.
+/// What |TIN - h| may exceed E_L by without being an error: rounding of this program's own arithmetic, and of heights
+/// that are no floats.
 double error_slack_m(const SourcePosts& posts, double height_m);
 
 }  // namespace tind::client

@@ -81,8 +81,8 @@ std::int32_t Pyramid::find(const TileId& id) const {
 void Pyramid::unlink_unread() {
   for (auto& n : nodes_) {
     if (!n.splittable()) continue;
-    const bool unread = std::any_of(n.children.begin(), n.children.end(),
-                                    [&](std::int32_t c) { return node(c).tile == nullptr; });
+    const bool unread =
+        std::any_of(n.children.begin(), n.children.end(), [&](std::int32_t c) { return node(c).tile == nullptr; });
     if (unread) n.children.fill(-1);
   }
 }

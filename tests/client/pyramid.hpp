@@ -15,20 +15,21 @@ namespace tind::client {
 /// A tile in scope of the run. Index -1: there is none.
 struct Node {
   TileId id;
-  int coverage = 0;                               ///< As the manifest's rows say.
+  int coverage = 0;  ///< As the manifest's rows say.
   std::int32_t parent = -1;
   std::array<std::int32_t, 4> children{-1, -1, -1, -1};    ///< SW, SE, NW, NE: all four or none.
   std::array<std::int32_t, 4> neighbours{-1, -1, -1, -1};  ///< Same level, beyond border b; x wraps.
-  std::unique_ptr<Tile> tile;                     ///< Null until fetched, or when it could not be read.
+  std::unique_ptr<Tile> tile;                              ///< Null until fetched, or when it could not be read.
 
   bool splittable() const { return children[0] >= 0; }
 };
 
-/// The tiles that a run looks at: all that are stored, or a sample that is closed under parents and siblings. Nodes are sorted by
-/// level, then Morton order. Filled in once; after that const access is thread safe.
+/// The tiles that a run looks at: all that are stored, or a sample that is closed under parents and siblings. Nodes are
+/// sorted by level, then Morton order. Filled in once; after that const access is thread safe.
 class Pyramid {
  public:
-  /// Takes every stored tile, or a seeded sample: random tiles with their ancestors and siblings until `fraction` is reached.
+  /// Takes every stored tile, or a seeded sample: random tiles with their ancestors and siblings until `fraction` is
+  /// reached.
   Pyramid(const ManifestView& manifest, double fraction, std::uint64_t seed);
 
   std::vector<Node>& nodes() { return nodes_; }
@@ -43,9 +44,9 @@ class Pyramid {
   /// Drops the children of nodes where one of them could not be read: the cuts then treat the node as undivided.
   void unlink_unread();
 
-  /// The line that finer tiles form along border b of node `from` when the node `beyond` at the other side (same level) is divided as
-  /// `split` says: stored direction, t in steps from the W or S end of `from`'s side, every joint of two tiles once.
-  /// `split(index)`: true iff that node is divided; asked only for nodes that have children.
+  /// The line that finer tiles form along border b of node `from` when the node `beyond` at the other side (same level)
+  /// is divided as `split` says: stored direction, t in steps from the W or S end of `from`'s side, every joint of two
+  /// tiles once. `split(index)`: true iff that node is divided; asked only for nodes that have children.
   template <class Split>
   std::vector<SideVertex> line_beyond(const Node& from, int b, std::int32_t beyond, const Split& split) const {
     std::vector<SideVertex> line;
@@ -65,8 +66,8 @@ class Pyramid {
       return;
     }
     const bool vertical = b == 1 || b == 3;
-    const std::int64_t offset = vertical ? frame_.origin_y(n.id) - frame_.origin_y(from.id)
-                                         : frame_.origin_x(n.id) - frame_.origin_x(from.id);
+    const std::int64_t offset =
+        vertical ? frame_.origin_y(n.id) - frame_.origin_y(from.id) : frame_.origin_x(n.id) - frame_.origin_x(from.id);
     auto side = stored_side(*n.tile, (b + 2) % 4);
     for (auto& v : side) v.t += offset;
     const bool joined = !line.empty() && line.back().t == side.front().t && line.back().z == side.front().z &&

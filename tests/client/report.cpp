@@ -103,20 +103,25 @@ std::string Report::text() const {
                      metres(l.measured_max_error_m), metres(l.measured_rmse_m), metres(l.tessellated_max_error_m),
                      metres(l.terrain_max_error_m)));
   }
-  line("  (stored max: as the tiles say; measured, rmse: |TIN - h| here, at the source's posts; tessellated: the same inside");
-  line("   re-triangulated virtual triangles; .terrain: the served mesh, rounded to 0..32767, for information. Metres.)");
+  line(
+      "  (stored max: as the tiles say; measured, rmse: |TIN - h| here, at the source's posts; tessellated: the same "
+      "inside");
+  line(
+      "   re-triangulated virtual triangles; .terrain: the served mesh, rounded to 0..32767, for information. "
+      "Metres.)");
   if (cuts.cuts > 0) {
     line("");
     std::string gaps;
     for (std::size_t g = 1; g < cuts.joints_by_gap.size(); ++g) {
       if (cuts.joints_by_gap[g] > 0) gaps += fmt::format(" {}:{}", g, cuts.joints_by_gap[g]);
     }
-    line(fmt::format("cuts: {} (seed {}), {} leaves, {} triangles, {} virtual triangles re-triangulated", cuts.cuts, seed,
-                     cuts.leaves, cuts.triangles, cuts.tessellated_vts));
+    line(fmt::format("cuts: {} (seed {}), {} leaves, {} triangles, {} virtual triangles re-triangulated", cuts.cuts,
+                     seed, cuts.leaves, cuts.triangles, cuts.tessellated_vts));
     line(fmt::format("      tile sides met by finer tiles, by largest gap:{}", gaps.empty() ? " none" : gaps));
     if (!sources.empty()) {
-      line(fmt::format("      largest error in a re-triangulated virtual triangle: {:.3f} m; largest share of E_L: {:.4f}",
-                       cuts.max_error_m, cuts.max_error_of_tolerance));
+      line(fmt::format(
+          "      largest error in a re-triangulated virtual triangle: {:.3f} m; largest share of E_L: {:.4f}",
+          cuts.max_error_m, cuts.max_error_of_tolerance));
     }
   }
   line("");
@@ -126,7 +131,8 @@ std::string Report::text() const {
     const char* verdict = !check.held() ? "FAIL" : !skipped.empty() ? "skip" : "ok";
     n_failed += check.held() ? 0 : 1;
     n_skipped += check.held() && !skipped.empty() ? 1 : 0;
-    line(fmt::format("{:<4} {:<20} {:>12} {:<12} {}", verdict, check.id(), check.count(), check.unit(), check.promise()));
+    line(fmt::format("{:<4} {:<20} {:>12} {:<12} {}", verdict, check.id(), check.count(), check.unit(),
+                     check.promise()));
     if (!skipped.empty()) line("       not run: " + skipped);
     if (check.failures() == 0 && !check.held()) line("       nothing was there to look at");
     const auto offenders = check.offenders();

@@ -12,7 +12,8 @@
 
 namespace tind::client {
 
-/// One check: what it promises, how much was looked at, what was wrong. Thread safe; workers add their counts and findings.
+/// One check: what it promises, how much was looked at, what was wrong. Thread safe; workers add their counts and
+/// findings.
 class Check {
  public:
   Check(std::string id, std::string promise, std::string unit)

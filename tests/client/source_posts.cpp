@@ -103,7 +103,8 @@ void add_value(SourcePosts& posts, std::int64_t at, float height) {
   auto& others = posts.other_values[at];
   if (std::find(others.begin(), others.end(), height) != others.end()) return;
   double widest = std::abs(static_cast<double>(height) - static_cast<double>(first));
-  for (const float other : others) widest = std::max(widest, std::abs(static_cast<double>(height) - static_cast<double>(other)));
+  for (const float other : others)
+    widest = std::max(widest, std::abs(static_cast<double>(height) - static_cast<double>(other)));
   posts.disagreement_m = std::max(posts.disagreement_m, widest);
   others.push_back(height);
 }
@@ -187,7 +188,8 @@ Outcome<SourcePosts> read_source_posts(const std::vector<std::string>& paths, co
   posts.n_cols = std::llround((east - west) / posts.lon_spacing_deg) + 1;
   posts.n_rows = std::llround((north - south) / posts.lat_spacing_deg) + 1;
   if (posts.n_cols > (std::int64_t{1} << 31) / posts.n_rows) return refuse("the sources span more than 2^31 posts");
-  posts.heights_m.assign(static_cast<std::size_t>(posts.n_cols * posts.n_rows), std::numeric_limits<float>::quiet_NaN());
+  posts.heights_m.assign(static_cast<std::size_t>(posts.n_cols * posts.n_rows),
+                         std::numeric_limits<float>::quiet_NaN());
   for (const auto& s : sources) {
     if (auto ok = read_into(s, options, posts); !ok) return refuse(ok.error());
   }

@@ -26,7 +26,9 @@ bool take_chain(ByteCursor& in, std::uint32_t n, std::vector<std::uint16_t>& out
   return !in.bad();
 }
 
-std::uint32_t take_index(ByteCursor& in, bool wide) { return wide ? in.take<std::uint32_t>() : in.take<std::uint16_t>(); }
+std::uint32_t take_index(ByteCursor& in, bool wide) {
+  return wide ? in.take<std::uint32_t>() : in.take<std::uint16_t>();
+}
 
 std::string edge_name(std::size_t e) {
   static constexpr std::array<const char*, 4> kNames = {"west", "south", "east", "north"};
@@ -45,7 +47,8 @@ void find_edge_faults(const TerrainMesh& mesh, std::vector<std::string>& faults)
     }
     for (std::size_t k = 0; k < list.size(); ++k) {
       if (across[list[k]] != line) {
-        faults.push_back(fmt::format("the {} edge list names vertex {}, which is not on that edge", edge_name(e), list[k]));
+        faults.push_back(
+            fmt::format("the {} edge list names vertex {}, which is not on that edge", edge_name(e), list[k]));
         break;
       }
       if (k > 0 && along[list[k]] <= along[list[k - 1]]) {
@@ -55,7 +58,8 @@ void find_edge_faults(const TerrainMesh& mesh, std::vector<std::string>& faults)
     }
     const auto on_line = std::count(across.begin(), across.end(), line);
     if (static_cast<std::size_t>(on_line) != list.size()) {
-      faults.push_back(fmt::format("the {} edge list has {} vertices, {} lie on that edge", edge_name(e), list.size(), on_line));
+      faults.push_back(
+          fmt::format("the {} edge list has {} vertices, {} lie on that edge", edge_name(e), list.size(), on_line));
     }
   }
 }
@@ -159,7 +163,8 @@ std::vector<std::string> find_mesh_faults(const TerrainMesh& mesh) {
                          (mesh.v[a] == mesh.v[b] && (mesh.v[a] == 0 || mesh.v[a] == kMaxValue));
     const bool good = on_side ? end - k == 1 : end - k == 2 && edges[k] != edges[k + 1];
     if (!good && n_loose++ < kEnough) {
-      faults.push_back(fmt::format("edge ({}, {}) at u {}, v {} belongs to {} triangle(s)", a, b, mesh.u[a], mesh.v[a], end - k));
+      faults.push_back(
+          fmt::format("edge ({}, {}) at u {}, v {} belongs to {} triangle(s)", a, b, mesh.u[a], mesh.v[a], end - k));
     }
     k = end;
   }

@@ -88,12 +88,12 @@ Outcome<SideInserts> decode_by_entry_levels(const Tile& tile, int b, std::vector
   const auto coarse = ring_side(tile, b);
   const auto same = [](const SideVertex& u, const SideVertex& v) { return u.t == v.t && u.z == v.z; };
   const auto where = [&](const SideVertex& v) {
-    return fmt::format("{} border of {}: finer vertex at step {} (height {}, entry level {})", kBorderNames[static_cast<std::size_t>(b)],
-                       tile.id.text(), v.t, v.z, v.entry);
+    return fmt::format("{} border of {}: finer vertex at step {} (height {}, entry level {})",
+                       kBorderNames[static_cast<std::size_t>(b)], tile.id.text(), v.t, v.z, v.entry);
   };
   if (finer.empty() || !same(finer.front(), coarse.front())) {
-    return refuse(fmt::format("{} border of {}: the finer line does not start at the corner", kBorderNames[static_cast<std::size_t>(b)],
-                              tile.id.text()));
+    return refuse(fmt::format("{} border of {}: the finer line does not start at the corner",
+                              kBorderNames[static_cast<std::size_t>(b)], tile.id.text()));
   }
   SideInserts side;
   side.inserted.resize(coarse.size() - 1);
@@ -107,13 +107,13 @@ Outcome<SideInserts> decode_by_entry_levels(const Tile& tile, int b, std::vector
     } else if (same(v, coarse[interval + 1])) {
       ++interval;
     } else {
-      return refuse(where(v) + fmt::format(" should be the coarse vertex at step {} (height {})", coarse[interval + 1].t,
-                                           coarse[interval + 1].z));
+      return refuse(where(v) + fmt::format(" should be the coarse vertex at step {} (height {})",
+                                           coarse[interval + 1].t, coarse[interval + 1].z));
     }
   }
   if (interval + 1 != coarse.size()) {
-    return refuse(fmt::format("{} border of {}: the finer line lacks the coarse vertex at step {}", kBorderNames[static_cast<std::size_t>(b)],
-                              tile.id.text(), coarse[interval + 1].t));
+    return refuse(fmt::format("{} border of {}: the finer line lacks the coarse vertex at step {}",
+                              kBorderNames[static_cast<std::size_t>(b)], tile.id.text(), coarse[interval + 1].t));
   }
   return side;
 }
@@ -125,7 +125,8 @@ Outcome<TessellatedTile> tessellate(const Tile& tile, const std::array<std::opti
   std::vector<bool> is_changed(tile.triangles.size(), false);
   std::vector<Corners> pieces;
   const auto misfit = [&](const VtRecord& vt) {
-    return refuse(fmt::format("tile {}: the virtual triangle list does not fit triangle {}", tile.id.text(), vt.triangle));
+    return refuse(
+        fmt::format("tile {}: the virtual triangle list does not fit triangle {}", tile.id.text(), vt.triangle));
   };
   for (const VtRecord& vt : tile.vts) {
     const int b = vt.border, before = (b + 3) % 4;

@@ -16,16 +16,17 @@ struct SideInserts {
   bool any = false;
 };
 
-/// Decodes a finer line by entry levels (docs/format.md 6): a vertex with entry level <= the tile's ends the current interval of border
-/// b, any other belongs to it. `finer` runs in STORED direction from corner to corner. Refuses, naming the vertex, when the line does not
-/// start and end at the corners or an ending vertex is not the coarse side's next one.
+/// Decodes a finer line by entry levels (docs/format.md 6): a vertex with entry level <= the tile's ends the current
+/// interval of border b, any other belongs to it. `finer` runs in STORED direction from corner to corner. Refuses,
+/// naming the vertex, when the line does not start and end at the corners or an ending vertex is not the coarse side's
+/// next one.
 Outcome<SideInserts> decode_by_entry_levels(const Tile& tile, int b, std::vector<SideVertex> finer);
 
 /// A tile after crack tessellation.
 struct TessellatedTile {
-  std::vector<Vertex> vertices;     ///< The tile's own, then those from finer lines.
-  std::vector<Corners> triangles;   ///< Untouched ones first.
-  std::size_t first_changed = 0;    ///< From here on: pieces of re-triangulated virtual triangles.
+  std::vector<Vertex> vertices;    ///< The tile's own, then those from finer lines.
+  std::vector<Corners> triangles;  ///< Untouched ones first.
+  std::size_t first_changed = 0;   ///< From here on: pieces of re-triangulated virtual triangles.
   std::size_t changed_vts = 0;
 };
 

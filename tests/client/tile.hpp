@@ -37,8 +37,8 @@ struct VtRecord {
 
 using Corners = std::array<std::uint32_t, 3>;
 
-/// A whole tile, from a .vn or put together from a .parts. The decoder guarantees that indices are in range and |x|, |y| < 2^46;
-/// everything else is for the checks to find out.
+/// A whole tile, from a .vn or put together from a .parts. The decoder guarantees that indices are in range and |x|,
+/// |y| < 2^46; everything else is for the checks to find out.
 struct Tile {
   TileId id;
   std::uint8_t coverage = 0;
@@ -46,8 +46,8 @@ struct Tile {
   std::uint64_t n_posts = 0;
   float max_error_m = 0, rmse_m = 0;
   std::array<std::uint32_t, 4> n_side{};
-  std::vector<Vertex> vertices;                        ///< Local order.
-  std::array<std::vector<std::uint8_t>, 4> entries;    ///< Per border, ring direction, both corners.
+  std::vector<Vertex> vertices;                      ///< Local order.
+  std::array<std::vector<std::uint8_t>, 4> entries;  ///< Per border, ring direction, both corners.
   std::vector<Corners> triangles;
   std::uint8_t n_gaps = 0;
   std::vector<VtRecord> vts;

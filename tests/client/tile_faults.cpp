@@ -20,7 +20,8 @@ std::string vertex_text(const Tile& tile, std::uint32_t k) {
 std::string ring_text(const Tile& tile, std::uint32_t position) {
   for (int b = 3; b >= 0; --b) {
     if (position >= tile.corner_index(b)) {
-      return fmt::format("interval {} of the {} border", position - tile.corner_index(b), kBorderNames[static_cast<std::size_t>(b)]);
+      return fmt::format("interval {} of the {} border", position - tile.corner_index(b),
+                         kBorderNames[static_cast<std::size_t>(b)]);
     }
   }
   return "the ring";
@@ -42,7 +43,8 @@ std::vector<std::string> find_outline_faults(const Tile& tile, const LatticeFram
   for (int b = 0; b < 4 && faults.size() < kEnough; ++b) {
     const Vertex& c = tile.vertices[tile.corner_index(b)];
     if (c.x != corner[b][0] || c.y != corner[b][1]) {
-      faults.push_back(fmt::format("corner C{} lies at ({}, {}), not at ({}, {})", b, c.x, c.y, corner[b][0], corner[b][1]));
+      faults.push_back(
+          fmt::format("corner C{} lies at ({}, {}), not at ({}, {})", b, c.x, c.y, corner[b][0], corner[b][1]));
     }
     for (std::uint32_t k = 1; k <= tile.n_side[static_cast<std::size_t>(b)] && faults.size() < kEnough; ++k) {
       const std::uint32_t index = tile.ring_index(b, k);
@@ -165,7 +167,8 @@ std::vector<std::string> find_vt_faults(const Tile& tile) {
     expected.n_edges = n_border_edges[triangle];
     const std::uint32_t other_end = (position + 1) % ring;
     // With two border edges the corner lies between them: at the end of this edge, or, for C0 only, at its start.
-    const std::uint32_t at = expected.n_edges == 2 && !(position == 0 && owner[ring - 1] == triangle) ? other_end : position;
+    const std::uint32_t at =
+        expected.n_edges == 2 && !(position == 0 && owner[ring - 1] == triangle) ? other_end : position;
     for (int b = 0; b < 4; ++b) {
       if (at >= tile.corner_index(b)) {
         expected.border = static_cast<std::uint8_t>(b);
@@ -179,21 +182,24 @@ std::vector<std::string> find_vt_faults(const Tile& tile) {
     const VtRecord& vt = tile.vts[next];
     if (vt.triangle != expected.triangle || vt.n_edges != expected.n_edges || vt.border != expected.border ||
         vt.interval != expected.interval) {
-      faults.push_back(fmt::format(
-          "virtual triangle {}: says triangle {}, {} border edge(s), border {}, interval {}; is triangle {}, {}, {}, {}", next,
-          vt.triangle, vt.n_edges, vt.border, vt.interval, expected.triangle, expected.n_edges, expected.border,
-          expected.interval));
+      faults.push_back(
+          fmt::format("virtual triangle {}: says triangle {}, {} border edge(s), border {}, interval {}; is triangle "
+                      "{}, {}, {}, {}",
+                      next, vt.triangle, vt.n_edges, vt.border, vt.interval, expected.triangle, expected.n_edges,
+                      expected.border, expected.interval));
     }
     ++next;
   }
   if (faults.empty() && next != tile.vts.size()) {
-    faults.push_back(fmt::format("{} virtual triangles are listed, {} triangles have a border edge", tile.vts.size(), next));
+    faults.push_back(
+        fmt::format("{} virtual triangles are listed, {} triangles have a border edge", tile.vts.size(), next));
   }
   for (std::size_t k = 0; k < tile.vts.size() && faults.size() < kEnough; ++k) {
     const VtRecord& vt = tile.vts[k];
     for (std::size_t r = 1; r < tile.runs_size(vt); ++r) {
       if (r % tile.n_gaps != 0 && tile.runs[vt.first_run + r] < tile.runs[vt.first_run + r - 1]) {
-        faults.push_back(fmt::format("virtual triangle {}: run r_{} is below r_{}", k, r % tile.n_gaps + 1, r % tile.n_gaps));
+        faults.push_back(
+            fmt::format("virtual triangle {}: run r_{} is below r_{}", k, r % tile.n_gaps + 1, r % tile.n_gaps));
       }
     }
   }

@@ -24,9 +24,7 @@ struct TileId {
 
   static std::uint32_t count_x(int level) { return std::uint32_t{2} << level; }
   static std::uint32_t count_y(int level) { return std::uint32_t{1} << level; }
-  bool valid() const {
-    return level >= 0 && level <= kDeepestLevel && x < count_x(level) && y < count_y(level);
-  }
+  bool valid() const { return level >= 0 && level <= kDeepestLevel && x < count_x(level) && y < count_y(level); }
   TileId parent() const { return {level - 1, x / 2, y / 2}; }
   /// Child c: 0 SW, 1 SE, 2 NW, 3 NE.
   TileId child(int c) const {
@@ -36,9 +34,7 @@ struct TileId {
   std::uint64_t number() const {
     return (static_cast<std::uint64_t>(level) << 58) | (static_cast<std::uint64_t>(y) << 29) | x;
   }
-  std::string text() const {
-    return std::to_string(level) + "/" + std::to_string(x) + "/" + std::to_string(y);
-  }
+  std::string text() const { return std::to_string(level) + "/" + std::to_string(x) + "/" + std::to_string(y); }
 };
 
 /// Numbers the borders in ring order and names them for people.

@@ -18,8 +18,8 @@ struct Answer {
 class TileSource {
  public:
   virtual ~TileSource() = default;
-  /// Fetches `path`, which starts with '/' and may have a query. Any status is an answer; a failure is one line (connection refused,
-  /// body cut short, ...). Must be thread safe.
+  /// Fetches `path`, which starts with '/' and may have a query. Any status is an answer; a failure is one line
+  /// (connection refused, body cut short, ...). Must be thread safe.
   virtual Outcome<Answer> get(const std::string& path) = 0;
 };
 

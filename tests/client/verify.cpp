@@ -25,7 +25,8 @@ void add_checks(Report& report) {
   report.add("virtual-triangles", "the VT list is exactly the triangles with a border edge", "VTs");
   report.add("shared-edges", "both tiles beside an edge have the same vertices, heights and entry levels", "edges");
   report.add("shared-corners", "all tiles around a corner, and around a pole, have one height there", "corners");
-  report.add("nested-borders", "every border vertex of a level is on the next one's line, same height and entry", "edges");
+  report.add("nested-borders", "every border vertex of a level is on the next one's line, same height and entry",
+             "edges");
   report.add("runs", "run codes = entry-level decoding of the finer lines, for every gap", "runs");
   report.add("codes", "the codes route counts what the entry levels say, for every coarser gap", "borders");
   report.add("cuts", "random quadtree cuts of the globe are watertight in integers", "cuts");
@@ -34,7 +35,8 @@ void add_checks(Report& report) {
   report.add("tessellated-error", "|TIN - h| <= E_L in VTs re-triangulated against each finer level", "posts");
   report.add("cut-error", "|TIN - h| <= E_L in the re-triangulated VTs of the cuts", "posts");
   report.add("terrain", ".terrain meshes cover the tile, no flat or turned triangle, sorted edge lists", "tiles");
-  report.add("terrain-borders", "same-level .terrain borders decode to the same positions, heights, normals", "borders");
+  report.add("terrain-borders", "same-level .terrain borders decode to the same positions, heights, normals",
+             "borders");
   report.add("layer-json", "layer.json names exactly the stored tiles, with every field clients need", "levels");
 }
 
@@ -66,7 +68,8 @@ Outcome<std::unique_ptr<Report>> verify(TileSource& source, const SourcePosts* p
   const auto answer = source.get(path);
   if (!answer) return refuse(answer.error());
   if (answer->status != 200) {
-    return refuse(fmt::format("{} answers {}: is '{}' the name of a dataset there?", path, answer->status, options.dataset));
+    return refuse(
+        fmt::format("{} answers {}: is '{}' the name of a dataset there?", path, answer->status, options.dataset));
   }
   const auto manifest = read_manifest(answer->body);
   if (!manifest) return refuse(manifest.error());

@@ -13,10 +13,10 @@
 namespace tind::client {
 
 struct VerifyOptions {
-  std::string dataset;         ///< Name in the routes.
+  std::string dataset;  ///< Name in the routes.
   int cuts = 50;
   std::uint64_t seed = 1;
-  double sample = 1;           ///< Share of the tiles to look at, in (0, 1].
+  double sample = 1;  ///< Share of the tiles to look at, in (0, 1].
   unsigned threads = 2;
   /// Told what is being done; may be called from this thread only.
   std::function<void(const std::string&)> progress = [](const std::string&) {};
@@ -25,8 +25,8 @@ struct VerifyOptions {
 /// The dataset that a daemon serves when it serves exactly one (route /datasets).
 Outcome<std::string> find_only_dataset(TileSource& source);
 
-/// Runs every check of docs/verify.md. `posts` may be null: then the checks against the source are skipped. A refusal means that
-/// nothing could be checked at all: no connection, or a manifest that cannot be read.
+/// Runs every check of docs/verify.md. `posts` may be null: then the checks against the source are skipped. A refusal
+/// means that nothing could be checked at all: no connection, or a manifest that cannot be read.
 Outcome<std::unique_ptr<Report>> verify(TileSource& source, const SourcePosts* posts, const VerifyOptions& options);
 
 }  // namespace tind::client

@@ -38,7 +38,8 @@ TEST_F(BrokenBorders, NothingBrokenEveryCheckHolds) {
   ASSERT_NE(report, nullptr);
   EXPECT_THAT(failed_checks(*report), IsEmpty()) << report->text();
   EXPECT_TRUE(report->all_held());
-  for (const char* id : {"source-error", "tessellated-error", "cut-error", "runs", "cuts", "terrain-borders", "totals"}) {
+  for (const char* id :
+       {"source-error", "tessellated-error", "cut-error", "runs", "cuts", "terrain-borders", "totals"}) {
     EXPECT_EQ(report->find(id)->skipped(), "") << id;
     EXPECT_GT(report->find(id)->count(), 0u) << id;
   }

@@ -48,7 +48,8 @@ TEST_F(BrokenTiles, RaisedInteriorVertexBreaksThePromise) {
   const TileKey key = busiest();
   TilePieces pieces = pyramid.pieces(key);
   const double tolerance = pyramid.manifest().levels[key.level].tolerance_m;
-  pieces.body.interior[3].z += static_cast<std::int32_t>(std::ldexp(2.5 * tolerance, pyramid.manifest().lattice.height_exponent));
+  pieces.body.interior[3].z +=
+      static_cast<std::int32_t>(std::ldexp(2.5 * tolerance, pyramid.manifest().lattice.height_exponent));
   pyramid.serve_pieces(key, pieces);
   const auto failed = failed_after();
   EXPECT_THAT(failed, Contains("source-error"));
@@ -79,11 +80,12 @@ TEST_F(BrokenTiles, WrongPostCountIsSeen) {
 }
 
 TEST_F(BrokenTiles, VtThatBulgesAfterTessellationIsSeenInsideVts) {
-  // Lift one vertex of a line that a coarser neighbour meets: at every level at once, so that all stays nested and shared, and by less
-  // than the tile's own E_L allows only where the promise inside re-triangulated triangles breaks.
+  // Lift one vertex of a line that a coarser neighbour meets: at every level at once, so that all stays nested and
+  // shared, and by less than the tile's own E_L allows only where the promise inside re-triangulated triangles breaks.
   const int coarse = bottom - 1;
   const auto lift = static_cast<std::int32_t>(
-      std::ldexp(2.2 * pyramid.manifest().levels[static_cast<std::size_t>(coarse)].tolerance_m, pyramid.manifest().lattice.height_exponent));
+      std::ldexp(2.2 * pyramid.manifest().levels[static_cast<std::size_t>(coarse)].tolerance_m,
+                 pyramid.manifest().lattice.height_exponent));
   for (const TileKey& key : pyramid.tiles(bottom)) {
     const TileKey east{key.level, (key.x + 1) % TileKey::count_x(key.level), key.y};
     const bool cousins = key.x % 2 == 1 && pyramid.manifest().has_tile(east);
@@ -201,8 +203,8 @@ TEST_F(BrokenTiles, TileThatShouldNotExistIsSeen) {
 
 TEST_F(BrokenTiles, WrongToleranceIsSeen) {
   const TileKey key = busiest();
-  pyramid.replace(text_of(key) + ".vn",
-                  encode_vn(pyramid.manifest().lattice, pyramid.node(key), pyramid.manifest().levels[key.level].tolerance_m * 2));
+  pyramid.replace(text_of(key) + ".vn", encode_vn(pyramid.manifest().lattice, pyramid.node(key),
+                                                  pyramid.manifest().levels[key.level].tolerance_m * 2));
   EXPECT_EQ(failed_after(), std::set<std::string>{"tile-header"});
 }
 

@@ -90,7 +90,8 @@ TEST(TileFaults, CornerTrianglesHaveTwoBorderEdges) {
 
 TEST(DecodeByEntryLevels, AppendsYoungVerticesAndEndsAtOldOnes) {
   const Tile tile = small_tile(12);
-  const auto side = decode_by_entry_levels(tile, 1, {{0, 0, 0}, {3, 1, 13}, {8, 5, 0}, {9, 6, 13}, {12, 7, 14}, {16, 0, 0}});
+  const auto side =
+      decode_by_entry_levels(tile, 1, {{0, 0, 0}, {3, 1, 13}, {8, 5, 0}, {9, 6, 13}, {12, 7, 14}, {16, 0, 0}});
   ASSERT_TRUE(side.has_value()) << side.error();
   EXPECT_EQ(side->inserted[0], (std::vector<SideVertex>{{3, 1, 13}}));
   EXPECT_EQ(side->inserted[1], (std::vector<SideVertex>{{9, 6, 13}, {12, 7, 14}}));
@@ -108,7 +109,8 @@ TEST(DecodeByEntryLevels, RefusesLinesThatDoNotFit) {
   EXPECT_FALSE(decode_by_entry_levels(tile, 1, {})) << "no line";
   EXPECT_FALSE(decode_by_entry_levels(tile, 1, {{0, 0, 0}, {16, 0, 0}})) << "a vertex of the tile is missing";
   EXPECT_FALSE(decode_by_entry_levels(tile, 1, {{0, 0, 0}, {8, 6, 0}, {16, 0, 0}})) << "another height";
-  EXPECT_FALSE(decode_by_entry_levels(tile, 1, {{0, 0, 0}, {8, 5, 0}, {9, 5, 12}, {16, 0, 0}})) << "an old vertex the tile lacks";
+  EXPECT_FALSE(decode_by_entry_levels(tile, 1, {{0, 0, 0}, {8, 5, 0}, {9, 5, 12}, {16, 0, 0}}))
+      << "an old vertex the tile lacks";
   EXPECT_FALSE(decode_by_entry_levels(tile, 1, {{0, 0, 0}, {8, 5, 0}})) << "ends early";
   EXPECT_FALSE(decode_by_entry_levels(tile, 1, {{1, 0, 0}, {8, 5, 0}, {16, 0, 0}})) << "starts elsewhere";
 }
@@ -132,7 +134,8 @@ TEST(Tessellate, FansOneBorderEdge) {
   ASSERT_TRUE(mesh.has_value()) << mesh.error();
   EXPECT_EQ(mesh->changed_vts, 1u);
   EXPECT_EQ(mesh->triangles.size(), 7u);
-  const std::vector<Corners> fan(mesh->triangles.begin() + static_cast<std::ptrdiff_t>(mesh->first_changed), mesh->triangles.end());
+  const std::vector<Corners> fan(mesh->triangles.begin() + static_cast<std::ptrdiff_t>(mesh->first_changed),
+                                 mesh->triangles.end());
   EXPECT_EQ(fan, (std::vector<Corners>{{1, 6, 5}, {6, 7, 5}, {7, 2, 5}}));
   EXPECT_TRUE(area_of(*mesh) == 2 * 16 * 16);
 }
@@ -150,7 +153,8 @@ TEST(Tessellate, ZigZagsTwoBorderEdgesAsTheFormatSays) {
   const auto mesh = tessellate(tile, sides);
   ASSERT_TRUE(mesh.has_value()) << mesh.error();
   // R = 4, 5, 6, 1 along the south, Q = 7, 3 up the west. By hand from docs/format.md 6.
-  const std::vector<Corners> zig_zag(mesh->triangles.begin() + static_cast<std::ptrdiff_t>(mesh->first_changed), mesh->triangles.end());
+  const std::vector<Corners> zig_zag(mesh->triangles.begin() + static_cast<std::ptrdiff_t>(mesh->first_changed),
+                                     mesh->triangles.end());
   EXPECT_EQ(zig_zag, (std::vector<Corners>{{0, 4, 7}, {4, 5, 7}, {5, 6, 7}, {6, 3, 7}, {6, 1, 3}}));
   EXPECT_TRUE(area_of(*mesh) == 2 * 16 * 16);
 }

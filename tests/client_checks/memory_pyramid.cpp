@@ -62,7 +62,8 @@ MemoryPyramid::MemoryPyramid(const std::string& tind_file) : store_(must(TileSto
 std::vector<TileKey> MemoryPyramid::tiles(int level) const {
   std::vector<TileKey> keys;
   for (const TileRun& run : manifest_.levels[static_cast<std::size_t>(level)].rows) {
-    for (std::uint32_t x = run.x_first; x <= run.x_last; ++x) keys.push_back({static_cast<std::uint8_t>(level), x, run.y});
+    for (std::uint32_t x = run.x_first; x <= run.x_last; ++x)
+      keys.push_back({static_cast<std::uint8_t>(level), x, run.y});
   }
   return keys;
 }
@@ -137,7 +138,8 @@ Bytes MemoryPyramid::make_terrain(const TileKey& key) const {
   for (int dy = -1; dy <= 1; ++dy) {
     for (int dx = -1; dx <= 1; ++dx) {
       const std::uint32_t n = TileKey::count_x(key.level);
-      const TileKey next{key.level, (key.x + n + static_cast<std::uint32_t>(dx)) % n, key.y + static_cast<std::uint32_t>(dy)};
+      const TileKey next{key.level, (key.x + n + static_cast<std::uint32_t>(dx)) % n,
+                         key.y + static_cast<std::uint32_t>(dy)};
       if (!next.valid() || !manifest_.has_tile(next) || !seen.insert(morton_code(next.x, next.y)).second) continue;
       neighbours.push_back(node(next));
     }
@@ -156,7 +158,8 @@ std::string MemoryPyramid::make_codes(const TileKey& key) const {
     auto borders = nlohmann::json::array();
     for (const auto& entries : tile.side_entries) {
       const CoarseRuns runs = coarse_runs(entries, key.level - gap);
-      borders.push_back({{"runs", runs.runs}, {"starts_inside", runs.starts_inside}, {"ends_inside", runs.ends_inside}});
+      borders.push_back(
+          {{"runs", runs.runs}, {"starts_inside", runs.starts_inside}, {"ends_inside", runs.ends_inside}});
     }
     json["gaps"].push_back({{"gap", gap}, {"level", key.level - gap}, {"borders", borders}});
   }
@@ -164,10 +167,10 @@ std::string MemoryPyramid::make_codes(const TileKey& key) const {
 }
 
 std::string MemoryPyramid::make_layer() const {
-  nlohmann::json json = {{"tilejson", "2.1.0"},      {"format", "quantized-mesh-1.0"}, {"version", "1"},
-                         {"scheme", "tms"},          {"projection", "EPSG:4326"},      {"bounds", {-180, -90, 180, 90}},
-                         {"minzoom", 0},             {"maxzoom", manifest_.bottom_level},
-                         {"tiles", {"{z}/{x}/{y}.terrain?v={version}"}}};
+  nlohmann::json json = {
+      {"tilejson", "2.1.0"}, {"format", "quantized-mesh-1.0"},    {"version", "1"},
+      {"scheme", "tms"},     {"projection", "EPSG:4326"},         {"bounds", {-180, -90, 180, 90}},
+      {"minzoom", 0},        {"maxzoom", manifest_.bottom_level}, {"tiles", {"{z}/{x}/{y}.terrain?v={version}"}}};
   for (const auto& level : manifest_.levels) {
     auto ranges = nlohmann::json::array();
     for (const TileRun& run : level.rows) {
@@ -189,10 +192,12 @@ client::Outcome<client::Answer> MemoryPyramid::make(const std::string& path) con
   const char* text = path.c_str();
   if (std::sscanf(text, "/p/%u/%u/%u.%63s", &level, &x, &y, suffix) == 4) {
     const TileKey key{static_cast<std::uint8_t>(level), x, y};
-    if (level > static_cast<unsigned>(manifest_.bottom_level) || !key.valid() || !manifest_.has_tile(key)) return not_found;
+    if (level > static_cast<unsigned>(manifest_.bottom_level) || !key.valid() || !manifest_.has_tile(key))
+      return not_found;
     const std::string kind(suffix);
     if (kind == "vn") {
-      return answer("application/vnd.tind.vn", encode_vn(manifest_.lattice, node(key), manifest_.levels[level].tolerance_m));
+      return answer("application/vnd.tind.vn",
+                    encode_vn(manifest_.lattice, node(key), manifest_.levels[level].tolerance_m));
     }
     if (kind == "parts") {
       std::array<Bytes, 9> values;
@@ -239,8 +244,10 @@ const SmallWorld& small_world() {
     const HeightAt height = rough_terrain(7, 900);
     std::vector<std::int16_t> row(kColumns);
     for (int r = 0; r < kRows; ++r) {
-      for (int c = 0; c < kColumns; ++c) row[static_cast<std::size_t>(c)] = static_cast<std::int16_t>(std::lround(height(r, c)));
-      if (dataset->GetRasterBand(1)->RasterIO(GF_Write, 0, r, kColumns, 1, row.data(), kColumns, 1, GDT_Int16, 0, 0) != CE_None) {
+      for (int c = 0; c < kColumns; ++c)
+        row[static_cast<std::size_t>(c)] = static_cast<std::int16_t>(std::lround(height(r, c)));
+      if (dataset->GetRasterBand(1)->RasterIO(GF_Write, 0, r, kColumns, 1, row.data(), kColumns, 1, GDT_Int16, 0, 0) !=
+          CE_None) {
         std::abort();
       }
     }
@@ -255,7 +262,8 @@ const SmallWorld& small_world() {
     must(build_pyramid(options, silent), "build");
     std::atexit([] {
       std::error_code ignored;
-      std::filesystem::remove_all(std::filesystem::temp_directory_path() / fmt::format("tind-client-{}", getpid()), ignored);
+      std::filesystem::remove_all(std::filesystem::temp_directory_path() / fmt::format("tind-client-{}", getpid()),
+                                  ignored);
     });
     return made;
   }();

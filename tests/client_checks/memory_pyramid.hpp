@@ -13,8 +13,9 @@
 
 namespace tind::test {
 
-/// Answers the routes of docs/http.md for one .tind file under the name "p", made with the writer's encoders and without a socket. Single
-/// answers can be replaced by damaged ones. get() is thread safe once nothing is replaced any more.
+/// Answers the routes of docs/http.md for one .tind file under the name "p", made with the writer's encoders and
+/// without a socket. Single answers can be replaced by damaged ones. get() is thread safe once nothing is replaced any
+/// more.
 class MemoryPyramid : public client::TileSource {
  public:
   explicit MemoryPyramid(const std::string& tind_file);

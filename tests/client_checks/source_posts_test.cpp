@@ -28,8 +28,10 @@ std::string write_raster(const std::string& name, const RasterSpec& spec, const 
   GDALAllRegister();
   const std::string path = "/vsimem/" + name + ".tif";
   const auto n_cols = static_cast<int>(rows[0].size()), n_rows = static_cast<int>(rows.size());
-  GDALDataset* dataset = GetGDALDriverManager()->GetDriverByName("GTiff")->Create(path.c_str(), n_cols, n_rows, 1, GDT_Float32, nullptr);
-  double transform[6] = {spec.west - spec.spacing / 2, spec.spacing, spec.rotation, spec.north + spec.spacing / 2, 0, -spec.spacing};
+  GDALDataset* dataset =
+      GetGDALDriverManager()->GetDriverByName("GTiff")->Create(path.c_str(), n_cols, n_rows, 1, GDT_Float32, nullptr);
+  double transform[6] = {
+      spec.west - spec.spacing / 2, spec.spacing, spec.rotation, spec.north + spec.spacing / 2, 0, -spec.spacing};
   dataset->SetGeoTransform(transform);
   GDALRasterBand* band = dataset->GetRasterBand(1);
   if (spec.nodata) band->SetNoDataValue(*spec.nodata);
@@ -79,7 +81,8 @@ TEST(SourcePosts, VoidsUnitsScaleAndOffset) {
 TEST(SourcePosts, OverlapKeepsEveryDifferentValue) {
   RasterSpec east;
   east.west = 11;
-  const auto posts = read_source_posts({write_raster("w", {}, {{1, 2, 3}, {4, 5, 6}}), write_raster("e", east, {{3, 7}, {8, 9}})}, {});
+  const auto posts =
+      read_source_posts({write_raster("w", {}, {{1, 2, 3}, {4, 5, 6}}), write_raster("e", east, {{3, 7}, {8, 9}})}, {});
   ASSERT_TRUE(posts.has_value()) << posts.error();
   EXPECT_EQ(posts->n_cols, 4);
   EXPECT_EQ(posts->n_posts, 8u);
