@@ -74,7 +74,8 @@ Result<Settings> overlay_json(Settings base, std::string_view json, const std::s
       base.datasets = value.get<std::vector<std::string>>();
       continue;
     }
-    const auto option = std::find_if(kOptions.begin(), kOptions.end(), [&](const auto& o) { return name == o.name; });
+    const auto option = std::find_if(kOptions.begin(), kOptions.end(),
+                                     [&wanted = name](const auto& o) { return wanted == o.name; });
     if (option == kOptions.end()) return invalid(where + " is not a setting");
     const bool wants_text = std::holds_alternative<std::string Settings::*>(option->member);
     if (wants_text != value.is_string() || (!wants_text && !value.is_number_integer())) {

@@ -104,6 +104,9 @@ async function main() {
     Cesium.Cartesian3.negate(Cesium.Cartesian3.normalize(from, from), light.direction);
   });
 
+  // Frames are drawn on request only; the last tiles to arrive want one too.
+  globe.tileLoadProgressEvent.addEventListener(() => scene.requestRender());
+
   const home = () => viewer.camera.flyTo({destination: rectangle, duration: 0});
   home();
   element('home').onclick = (event) => {
