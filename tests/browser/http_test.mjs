@@ -132,9 +132,11 @@ it('what is not there answers 404, what may not be done 405', async () => {
   for (const path of ['/cesium/../package.json', '/cesium/%2e%2e/%2e%2e/package.json', '/cesium/..%2f..%2fpackage.json', '/cesium//etc/passwd']) {
     assert.ok([400, 404].includes((await ask(daemon.url, {}, 'GET', path)).status), path);
   }
-  const post = await ask(tile, {}, 'POST');
-  assert.equal(post.status, 405);
-  assert.match(post.headers.allow, /GET/);
+  for (const method of ['POST', 'PUT', 'DELETE']) {
+    const refused = await ask(tile, {'content-length': '0'}, method);
+    assert.equal(refused.status, 405, method);
+    assert.match(refused.headers.allow, /GET/);
+  }
 });
 
 it('a version in the address makes an answer last; layer.json gives that address', async () => {

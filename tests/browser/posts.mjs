@@ -41,8 +41,9 @@ export function planetGrid() {
   return lines.join('\n') + '\n';
 }
 
-/// Ten posts of the planet: on both poles, on and beside longitude 180, and elsewhere.
-const kPlanet = [[0, 90], [90, -90], [-180, 0], [-180, 41.5], [179.5, 10], [-179.5, -33], [0, 0], [-105, 37.5], [87, 28], [12.5, -71]]
+/// Twelve posts of the planet: on and beside both poles, on and beside longitude 180, and elsewhere.
+const kPlanet = [[0, 90], [90, -90], [33, 89.5], [-120.5, -89.5], [-180, 0], [-180, 41.5], [179.5, 10], [-179.5, -33], [0, 0],
+                 [-105, 37.5], [87, 28], [12.5, -71]]
   .map(([lon, lat]) => ({lon, lat, height_m: planetHeight(lon, lat)}));
 
 export const kPosts = {sangre_de_cristo: kSangreDeCristo, sangre_de_cristo_fine: kSangreDeCristo, planet: kPlanet};
