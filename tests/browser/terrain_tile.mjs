@@ -7,7 +7,7 @@ import {parse} from '@loaders.gl/core';
 import {QuantizedMeshLoader} from '@loaders.gl/terrain';
 
 const decodeHere = here.default ?? here;
-export const kSteps = 32767;
+const kSteps = 32767, kStepDivisors = [32767, 4681, 1057, 217, 151, 31, 7, 1];
 const kSemiMajorM = 6378137, kEccentricity2 = 2 / 298.257223563 - 1 / 298.257223563 ** 2;
 
 /// [west, south, east, north] in degrees. TMS rows.
@@ -116,15 +116,12 @@ function checkHeader(tile) {
     high = Math.max(high, h);
   }
   assert.ok(header.minHeight <= low && high <= header.maxHeight, 'minimum and maximum bound the heights');
-  // Both are 32-bit floats, range / 32767 apart by step: a step below the floats' own spacing cannot be had.
-  const magnitude = Math.max(Math.abs(header.minHeight), Math.abs(header.maxHeight), 2 ** -9);
-  const spacing = 2 ** (Math.floor(Math.log2(magnitude)) - 23);
-  assert.ok(range <= Math.max(2 * (high - low), kSteps * spacing),
-            `the range ${range} m stays within twice the true one, ${high - low} m`);
+  assert.ok(range <= 2 * (high - low), `the range ${range} m stays within twice the true one, ${high - low} m`);
   if (range > 0) {
-    const step = range / kSteps;
-    assert.ok(Number.isInteger(Math.log2(step)), `the step ${step} m is a power of two`);
-    assert.ok(Number.isInteger(header.minHeight / step), 'the minimum is a multiple of the step');
+    // A divisor of 32767 (32767 itself but for nearly flat tiles high up) times a power of two.
+    const units = kStepDivisors.find((divisor) => Number.isInteger(Math.log2(range / divisor)));
+    assert.ok(units, `the range ${range} m is no divisor of 32767 times a power of two`);
+    assert.ok(Number.isInteger(header.minHeight / (range / units)), 'the minimum is a multiple of the unit');
   }
   const [west, south, east, north] = tileBounds(tile.key);
   const center = [header.boundingSphereCenterX, header.boundingSphereCenterY, header.boundingSphereCenterZ];
