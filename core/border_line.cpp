@@ -16,6 +16,7 @@ struct Sample {
 
 // Samples a side of the level's own grid where there are no posts.
 constexpr std::int64_t kGridCells = 256;
+constexpr double kServedSteps = 32767;
 
 class RootEdgeRefiner {
  public:
@@ -108,11 +109,22 @@ class RootEdgeRefiner {
     const double a_t = static_cast<double>(a.t), b_t = static_cast<double>(b.t);
     const double a_m = field_.lattice.height_m(a.z), b_m = field_.lattice.height_m(b.z);
     const double slope = (b_m - a_m) / (b_t - a_t);
+    // Quantized-mesh rounds positions to 1/32767 of the side and heights to the level's step: samples are held to the tolerance against that line, too.
+    const double served_step = static_cast<double>(field_.lattice.tile_side(level)) / kServedSteps;
+    const auto served = [&](const LineVertex& v) {
+      const std::int64_t corner = v.t / field_.lattice.tile_side(level) * field_.lattice.tile_side(level);
+      return static_cast<double>(corner) + std::round(static_cast<double>(v.t - corner) / served_step) * served_step;
+    };
+    const double height_step = spec_.height_step_m[static_cast<std::size_t>(level)];
+    const double served_a = served(a), served_length = served(b) - served_a;
+    const double served_a_m = round_to_step(a_m, height_step), served_b_m = round_to_step(b_m, height_step);
+    const double served_slope = served_length > 0 ? (served_b_m - served_a_m) / served_length : slope;
     double worst = tolerance;
     std::int64_t worst_t = 0;
     bool found = false;
     const auto consider = [&](double t, double height_m) {
-      const double error = std::abs(a_m + slope * (t - a_t) - height_m);
+      const double error = std::max(std::abs(a_m + slope * (t - a_t) - height_m),
+                                    std::abs(served_a_m + served_slope * (t - served_a) - height_m));
       if (error <= worst) return;
       const std::int64_t rounded = std::llround(t);
       if (rounded <= a.t || rounded >= b.t) return;  // a vertex is there already

@@ -33,6 +33,7 @@ struct RootEdge {
 struct RefinementSpec {
   std::vector<double> tolerance_m;  ///< Refinement tolerance: E_L less the margins that keep the promise after rounding.
   std::vector<int> seed_segments;   ///< Seeds a tile side, a power of two.
+  std::vector<double> height_step_m;  ///< Quantized-mesh rounds border heights to multiples of this power of two.
 
   int bottom_level() const { return static_cast<int>(tolerance_m.size()) - 1; }
 };

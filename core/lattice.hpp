@@ -13,6 +13,9 @@ namespace tind {
 /// Lattice steps along the side of a tile of the lattice level, as a power of two.
 inline constexpr int kLatticeBits = 16;
 
+/// Nearest multiple of a step, halves upwards. `step` > 0, in the unit of `value`.
+inline double round_to_step(double value, double step) { return std::floor(value / step + 0.5) * step; }
+
 /// Ellipsoid of revolution named by the manifest. Lengths in metres.
 struct Ellipsoid {
   std::string name = "WGS 84";

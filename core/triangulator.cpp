@@ -41,6 +41,8 @@ __extension__ using Int128 = __int128;
 // Posts this close (in columns or rows) outside a triangle are scanned with it, so that none falls between two.
 constexpr double kScanSlack = 1e-6;
 constexpr std::int64_t kGridCells = 256;
+// Quantized-mesh rounds positions to 1/32767 of the side: posts are held to the tolerance against that surface, too.
+constexpr double kServedSteps = 32767;
 
 // A regular grid of posts over the tile, in local lattice steps.
 struct PostWindow {
@@ -79,13 +81,13 @@ struct Plane {
   double at(double x, double y) const { return z_a + slope_x * (x - x_a) + slope_y * (y - y_a); }
 };
 
-// What the guard needs to know of a face.
+// What tessellation to finer borders may do to a face.
 struct Guard {
-  enum class Kind { kNone, kFan, kCorner } kind = Kind::kNone;
+  enum class Kind { kPlane, kFan } kind = Kind::kPlane;
   int border = 0;                           // kFan: the border of the one border edge
   double apex_along = 0, apex_across = 0;   // kFan: apex, along the border and its distance from it
   double apex_m = 0;
-  double extra_m = 0;                       // kCorner: largest distance of the envelope from B_L
+  double extra_m = 0;                       // corner triangle: added to the error of every post
 };
 
 class TileRefiner {
@@ -96,6 +98,7 @@ class TileRefiner {
 
   TileSurface run() {
     make_windows();
+    served_rounding_m_ = served_height_step() / 2;
     insert_initial();
     refine();
     TileSurface surface;
@@ -148,6 +151,26 @@ class TileRefiner {
     grid.dx = grid.dy = static_cast<double>(side_ / kGridCells);
     grid.n_cols = grid.n_rows = kGridCells + 1;
     windows_.push_back(grid);
+  }
+
+  // Bound of the step that quantized-mesh rounds the tile's inner heights to: its range over 32767, up to a power of two.
+  double served_height_step() const {
+    double low = std::numeric_limits<double>::infinity(), high = -low;
+    for (const PostWindow& w : windows_) {
+      for (std::int64_t r = 0; !w.is_grid() && r < w.n_rows; ++r) {
+        const auto [least, most] = std::minmax_element(field_row(w, r), field_row(w, r) + w.n_cols);
+        low = std::min(low, static_cast<double>(*least));
+        high = std::max(high, static_cast<double>(*most));
+      }
+    }
+    for (const auto& border : task_.borders) {
+      for (const LocalVertex& v : border) {
+        low = std::min(low, height_m(v.z));
+        high = std::max(high, height_m(v.z));
+      }
+    }
+    const double step = std::exp2(std::ceil(std::log2(std::max(high - low, 0x1p-16) / kServedSteps)));
+    return std::min(step, task_.height_step_m);
   }
 
   // ---- triangulation -----------------------------------------------------------------------------------------------
@@ -229,6 +252,24 @@ class TileRefiner {
             (cz * static_cast<double>(bx) - bz * static_cast<double>(cx)) / area};
   }
 
+  // The same plane after quantized-mesh has rounded positions and border heights; the plane itself where that leaves no area.
+  Plane served_plane_of(Face f, const Plane& plane) const {
+    const double step = static_cast<double>(side_) / kServedSteps;
+    std::array<double, 3> x{}, y{}, z{};
+    for (int i = 0; i < 3; ++i) {
+      const VertexInfo& v = f->vertex(i)->info();
+      const auto at = static_cast<std::size_t>(i);
+      x[at] = std::round(static_cast<double>(v.x) / step) * step;
+      y[at] = std::round(static_cast<double>(v.y) / step) * step;
+      const bool on_border = v.x == 0 || v.y == 0 || v.x == side_ || v.y == side_;
+      z[at] = on_border ? round_to_step(height_m(v.z), task_.height_step_m) : height_m(v.z);
+    }
+    const double bx = x[1] - x[0], by = y[1] - y[0], cx = x[2] - x[0], cy = y[2] - y[0];
+    const double area = bx * cy - by * cx, bz = z[1] - z[0], cz = z[2] - z[0];
+    if (!(area > step * step / 2)) return plane;
+    return {x[0], y[0], z[0], (bz * cy - cz * by) / area, (cz * bx - bz * cx) / area};
+  }
+
   // Border of the hull edge opposite vertex i.
   int border_of_edge(Face f, int i) const {
     const VertexInfo &a = f->vertex(Cdt::ccw(i))->info(), &b = f->vertex(Cdt::cw(i))->info();
@@ -240,6 +281,7 @@ class TileRefiner {
 
   Guard guard_of(Face f) const {
     Guard guard;
+    double finer_m = 0;  // largest distance of a finer border from B_L
     int n_edges = 0, opposite = 0;
     for (int i = 0; i < 3; ++i) {
       if (!cdt_.is_infinite(f->neighbor(i))) continue;
@@ -254,13 +296,13 @@ class TileRefiner {
       auto knot = std::upper_bound(knots.begin(), knots.end(), low,
                                    [](double t, const EnvelopeKnot& k) { return t < k.t; });
       for (; knot != knots.end() && knot->t < high; ++knot) {
-        guard.extra_m = std::max({guard.extra_m, knot->high_m - knot->own_m, knot->own_m - knot->low_m});
+        finer_m = std::max({finer_m, knot->high_m - knot->own_m, knot->own_m - knot->low_m});
       }
       guard.border = border;
     }
-    if (guard.extra_m == 0) return {};  // no finer border differs here
+    if (finer_m == 0) return guard;
     if (n_edges == 2) {
-      guard.kind = Guard::Kind::kCorner;
+      guard.extra_m += finer_m;
       return guard;
     }
     const VertexInfo& apex = f->vertex(opposite)->info();
@@ -344,6 +386,7 @@ class TileRefiner {
   void scan(Face f) {
     const std::uint32_t stamp = ++f->info().stamp;
     const Plane plane = plane_of(f);
+    const Plane served = served_plane_of(f, plane);
     const Guard guard = guard_of(f);
     Candidate best;
     best.error = task_.tolerance_m;
@@ -360,7 +403,7 @@ class TileRefiner {
           const double y = w.y(r);
           for (std::int64_t c = c_first; c <= c_last; ++c) {
             const double x = w.x(c);
-            const double error = post_error(plane, guard, x, y, field_.base_height_m);
+            const double error = post_error(plane, served, guard, x, y, field_.base_height_m);
             if (error > best.error && !field_.covers(x + static_cast<double>(west_), y + static_cast<double>(south_))) {
               consider(error, x, y);
             }
@@ -373,15 +416,18 @@ class TileRefiner {
         const double y = w.y(r);
         if (guard.kind == Guard::Kind::kFan) {
           for (std::int64_t c = c_first; c <= c_last; ++c) {
-            const double error = fan_error(guard, w.x(c), y, static_cast<double>(heights[c]));
+            const double error = post_error(plane, served, guard, w.x(c), y, static_cast<double>(heights[c]));
             if (error > best.error) consider(error, w.x(c), y);
           }
           return;
         }
-        const double z_first = plane.at(w.x(c_first), y), step = plane.slope_x * w.dx;
+        const double z = plane.at(w.x(c_first), y), z_step = plane.slope_x * w.dx;
+        const double z_served = served.at(w.x(c_first), y), served_step = served.slope_x * w.dx;
         for (std::int64_t c = c_first; c <= c_last; ++c) {
+          const auto along = static_cast<double>(c - c_first), height = static_cast<double>(heights[c]);
           const double error =
-              std::abs(z_first + step * static_cast<double>(c - c_first) - static_cast<double>(heights[c])) + guard.extra_m;
+              std::max(std::abs(z + z_step * along - height) + guard.extra_m,
+                       std::abs(z_served + served_step * along - height) + served_rounding_m_);
           if (error > best.error) consider(error, w.x(c), y);
         }
       });
@@ -392,9 +438,10 @@ class TileRefiner {
     heap_.push(best);
   }
 
-  double post_error(const Plane& plane, const Guard& guard, double x, double y, double height) const {
-    if (guard.kind == Guard::Kind::kFan) return fan_error(guard, x, y, height);
-    return std::abs(plane.at(x, y) - height) + guard.extra_m;
+  double post_error(const Plane& plane, const Plane& served, const Guard& guard, double x, double y, double height) const {
+    const double own =
+        guard.kind == Guard::Kind::kFan ? fan_error(guard, x, y, height) : std::abs(plane.at(x, y) - height) + guard.extra_m;
+    return std::max(own, std::abs(served.at(x, y) - height) + served_rounding_m_);
   }
 
   // A face whose corners (and finer borders) are within the tolerance of the base height is so everywhere.
@@ -472,6 +519,7 @@ class TileRefiner {
   const std::int64_t side_, west_, south_;
   std::vector<PostWindow> windows_;
   Cdt cdt_;
+  double served_rounding_m_ = 0;  // of inner heights
   std::uint32_t n_ring_ = 0;
   std::uint64_t n_inserted_ = 0;
   std::unordered_set<std::pair<std::int64_t, std::int64_t>, PositionHash> used_;

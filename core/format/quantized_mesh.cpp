@@ -26,8 +26,6 @@ double norm(const Vector& v) { return std::sqrt(v[0] * v[0] + v[1] * v[1] + v[2]
 
 bool is_float(double v) { return static_cast<double>(static_cast<float>(v)) == v; }
 
-double round_to(double v, double step) { return std::floor(v / step + 0.5) * step; }
-
 struct Heights {
   double minimum_m = 0, maximum_m = 0;
   std::vector<std::uint16_t> q;  // per vertex of the tile
@@ -73,7 +71,7 @@ std::optional<Heights> quantize_heights(const Lattice& lattice, const VirtualNod
   double low = std::numeric_limits<double>::infinity(), high = -low;
   for (std::size_t v = 0; v < h.size(); ++v) {
     h[v] = lattice.height_m(node.vertices[v].z);
-    if (v < n_ring) h[v] = round_to(h[v], border_step);
+    if (v < n_ring) h[v] = round_to_step(h[v], border_step);
     if (!used[v]) continue;
     low = std::min(low, h[v]);
     high = std::max(high, h[v]);

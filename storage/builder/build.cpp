@@ -33,6 +33,8 @@ constexpr const char* kGenerator = "tind-build 0.1.0";
 constexpr double kHeightSteps = 32767;
 // Sources that disagree by more than this part of E_bottom are not paid for with vertices, only reported.
 constexpr double kDisagreementShare = 1.0 / 8;
+// Margins never take more than this part of a tolerance.
+constexpr double kMostMargin = 1.0 / 2;
 // Share of the whole work that reading takes, for the progress line.
 constexpr double kReadShare = 0.08;
 
@@ -119,9 +121,8 @@ TileCoverage coverage_of(const HeightField& field, const TileKey& key) {
   return all ? TileCoverage::kReal : any ? TileCoverage::kPartial : TileCoverage::kFiller;
 }
 
-// Smallest power of two s with at most 32767 steps between the tile's lowest and highest height, both rounded outwards.
-double height_step_m(const Lattice& lattice, const TileStats& stats) {
-  const double low = lattice.height_m(stats.min_z), high = lattice.height_m(stats.max_z);
+// Smallest power of two s with at most 32767 steps between a tile's lowest and highest height, both rounded outwards.
+double height_step_m(double low, double high) {
   double step = kSmallestBorderStepM;
   while (std::ceil(high / step) - std::floor(low / step) > kHeightSteps) step *= 2;
   return step;
@@ -154,13 +155,15 @@ class PyramidBuilder {
                  TileStoreWriter& writer, Progress& progress)
       : options_(options), field_(field), table_(table), threads_(threads), writer_(writer), progress_(progress),
         plan_(field, table.bottom_level()), lines_(field.lattice) {
-    const double unit = field.lattice.height_unit_m(), bottom_m = table.levels.back().tolerance_m;
-    // The margin covers what is outside the greedy loop: posts that round onto a border, float heights.
-    double margin = unit / 2;
-    if (field.disagreement_m <= bottom_m * kDisagreementShare) margin += field.disagreement_m;
+    const double bottom_m = table.levels.back().tolerance_m;
+    // What rounding may add outside the greedy loop: a post's height is kept as a float, a vertex's in height units.
+    const double unit = field.lattice.height_unit_m();
+    const double disagreement = field.disagreement_m <= bottom_m * kDisagreementShare ? field.disagreement_m : 0;
+    const double margin = unit / 2 + disagreement;
+    spec_.height_step_m = height_steps();
     for (int level = 0; level <= table.bottom_level(); ++level) {
       const double tolerance = table.levels[static_cast<std::size_t>(level)].tolerance_m;
-      spec_.tolerance_m.push_back(tolerance - margin);
+      spec_.tolerance_m.push_back(tolerance - std::min(margin, tolerance * kMostMargin));
       spec_.seed_segments.push_back(seed_segments(level, tolerance, field.lattice.ellipsoid.semi_major_m));
     }
   }
@@ -180,6 +183,55 @@ class PyramidBuilder {
   }
 
  private:
+  // The levels' height steps, from the posts in and around each tile.
+  std::vector<double> height_steps() const {
+    struct Range {
+      double low, high;
+    };
+    std::vector<double> steps(static_cast<std::size_t>(table_.bottom_level()) + 1, kSmallestBorderStepM);
+    std::unordered_map<TileKey, Range> finer;
+    for (int level = table_.bottom_level(); level >= 0; --level) {
+      std::unordered_map<TileKey, Range> ranges;
+      const double unit = field_.lattice.height_unit_m();
+      for (const TileKey& tile : plan_.tiles(level)) {
+        Range range{field_.base_height_m, field_.base_height_m};
+        const auto include = [&range](double low, double high) {
+          range = {std::min(range.low, low), std::max(range.high, high)};
+        };
+        if (level == table_.bottom_level()) {
+          for_posts_around(tile, [&](std::int64_t r, std::int64_t c) {
+            include(field_.height_at(r, c), field_.height_at(r, c));
+          });
+        } else if (plan_.is_split(tile)) {
+          for (int child = 0; child < 4; ++child) include(finer.at(tile.child(child)).low, finer.at(tile.child(child)).high);
+        }
+        double& step = steps[static_cast<std::size_t>(level)];
+        step = std::max(step, height_step_m(range.low - unit, range.high + unit));
+        ranges.emplace(tile, range);
+      }
+      finer = std::move(ranges);
+    }
+    return steps;
+  }
+
+  // Calls visit(row, column) for the posts of all cells that meet the tile.
+  template <class Visit>
+  void for_posts_around(const TileKey& tile, Visit visit) const {
+    const double side = static_cast<double>(field_.lattice.tile_side(tile.level));
+    const double width = static_cast<double>(field_.lattice.width());
+    const auto r_first = static_cast<std::int64_t>(std::floor((side * tile.y - field_.y0) / field_.dy));
+    const auto r_last = static_cast<std::int64_t>(std::ceil((side * (tile.y + 1.0) - field_.y0) / field_.dy));
+    for (const double turn : {-width, 0.0, width}) {
+      const auto c_first = static_cast<std::int64_t>(std::floor((side * tile.x - field_.x0 - turn) / field_.dx));
+      const auto c_last = static_cast<std::int64_t>(std::ceil((side * (tile.x + 1.0) - field_.x0 - turn) / field_.dx));
+      for (std::int64_t r = std::max<std::int64_t>(r_first, 0); r <= std::min(r_last, field_.n_rows - 1); ++r) {
+        for (std::int64_t c = std::max<std::int64_t>(c_first, 0); c <= std::min(c_last, field_.n_cols - 1); ++c) {
+          visit(r, c);
+        }
+      }
+    }
+  }
+
   bool cancelled() const { return options_.cancel && options_.cancel->load(std::memory_order_relaxed); }
 
   static Error cancelled_error() { return {ErrorKind::kIo, "interrupted; nothing was written"}; }
@@ -262,6 +314,7 @@ class PyramidBuilder {
     TileTask task;
     task.key = key;
     task.tolerance_m = spec_.tolerance_m[key.level];
+    task.height_step_m = spec_.height_step_m[key.level];
     for (int b = 0; b < 4; ++b) {
       const std::span<const LineVertex> part = lines_.border(key, b);
       const std::int64_t origin = part.front().t;
@@ -381,6 +434,7 @@ class PyramidBuilder {
     info.level = level;
     info.tolerance_m = spec.tolerance_m;
     info.spacing_m = spec.spacing_m;
+    info.height_step_m = spec_.height_step_m[static_cast<std::size_t>(level)];
     info.n_tiles = tiles.size();
     const auto seeds_per_axis = static_cast<std::uint64_t>(spec_.seed_segments[static_cast<std::size_t>(level)] - 1);
     info.n_seed_vertices = tiles.size() * seeds_per_axis * seeds_per_axis;
@@ -420,7 +474,6 @@ class PyramidBuilder {
       info.n_posts += tile.stats.n_posts;
       info.max_error_m = std::max(info.max_error_m, static_cast<double>(tile.stats.max_error_m));
       squares += static_cast<double>(tile.stats.rmse_m) * tile.stats.rmse_m * static_cast<double>(tile.stats.n_posts);
-      info.height_step_m = std::max(info.height_step_m, height_step_m(field_.lattice, tile.stats));
       const double done = static_cast<double>(i + 1) / static_cast<double>(tiles.size());
       progress_.update(kReadShare + (1 - kReadShare) * work_share(level, done),
                        fmt::format("level {} of {}", level, table_.bottom_level()));

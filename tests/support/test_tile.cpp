@@ -37,6 +37,7 @@ RefinementSpec spec_from(int level, double tolerance_m, int n_levels, const Latt
   for (int l = 0; l < level + n_levels; ++l) {
     spec.tolerance_m.push_back(std::ldexp(tolerance_m, level - l) - lattice.height_unit_m() / 2);
     spec.seed_segments.push_back(1);
+    spec.height_step_m.push_back(lattice.height_unit_m());
   }
   return spec;
 }
@@ -47,6 +48,7 @@ TestTile make_task(const HeightField& field, const RefinementSpec& spec, const T
   tile.key = key;
   tile.task.key = key;
   tile.task.tolerance_m = spec.tolerance_m[key.level];
+  tile.task.height_step_m = spec.height_step_m[key.level];
   for (int b = 0; b < 4; ++b) {
     const auto at = static_cast<std::size_t>(b);
     RootEdge root{b % 2 == 1, key.level, 0, 0};

@@ -25,7 +25,8 @@ struct Mesh {
   std::vector<Triangle> triangles;
 };
 
-/// Tolerances E, E/2, .. from `level` on, 2^-k m units of margin as the builder takes, one segment a side.
+/// Tolerances E, E/2, .. from `level` on, less half a height unit as the builder takes, one segment a side, height steps of a
+/// height unit.
 RefinementSpec spec_from(int level, double tolerance_m, int n_levels, const Lattice& lattice);
 
 /// The border lines and the task of a tile; `surface` is empty.
