@@ -62,8 +62,8 @@ Result<LevelTable> make_level_table(double lon_spacing_deg, double lat_spacing_d
     if (*options.max_level < 0) return refuse("--max-level must not be negative");
     if (*options.max_level < bottom) shift(*options.max_level - bottom);
   }
-  // A post may be rounded by at most 1/512 of the finer spacing, also where --max-level stops early. On a slope that moves it
-  // off the terrain, so a tolerance below the rule's takes a lattice that is finer in proportion.
+  // A post may be rounded by at most 1/512 of the finer spacing, also where --max-level stops early. On a slope that
+  // moves it off the terrain, so a tolerance below the rule's takes a lattice that is finer in proportion.
   table.lattice_level = std::max({bottom, n + 1, level_of_spacing(lat_spacing_deg) + 1, 0});
   const double times_tighter = kToleranceRule * spacing_m / tolerance_m;
   if (times_tighter > 1) table.lattice_level += static_cast<int>(std::ceil(std::log2(times_tighter) - kSpacingSlack));

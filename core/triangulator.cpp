@@ -38,8 +38,6 @@ using Face = Cdt::Face_handle;
 
 __extension__ using Int128 = __int128;
 
-// Posts this close (in columns or rows) outside a triangle are scanned with it, so that none falls between two.
-constexpr double kScanSlack = 1e-6;
 constexpr std::int64_t kGridCells = 256;
 // Quantized-mesh rounds positions to 1/32767 of the side: posts are held to the tolerance against that surface, too.
 constexpr double kServedSteps = 32767;
@@ -334,18 +332,20 @@ class TileRefiner {
     return std::max(std::abs(apex + (1 - lambda) * high - height), std::abs(apex + (1 - lambda) * low - height));
   }
 
-  // Calls row(r, c_first, c_last) for the posts of a window in a triangle, borders included.
+  // Calls row(r, c_first, c_last) for the posts of a window in a triangle, borders included: posts outside by a rounding are
+  // scanned with it, so that none falls between two.
   template <class Row>
   void for_rows(Face f, const PostWindow& w, Row row) const {
     std::array<const VertexInfo*, 3> v = {&f->vertex(0)->info(), &f->vertex(1)->info(), &f->vertex(2)->info()};
     std::sort(v.begin(), v.end(), [](const auto* a, const auto* b) { return a->y < b->y; });
+    const double slack_x = nudge() / w.dx, slack_y = nudge() / w.dy;
     std::array<double, 3> x{}, y{};
     for (std::size_t i = 0; i < 3; ++i) {
       x[i] = (static_cast<double>(v[i]->x) - w.x0) / w.dx;
       y[i] = (static_cast<double>(v[i]->y) - w.y0) / w.dy;
     }
-    const auto r_first = std::max<std::int64_t>(0, static_cast<std::int64_t>(std::ceil(y[0] - kScanSlack)));
-    const auto r_last = std::min<std::int64_t>(w.n_rows - 1, static_cast<std::int64_t>(std::floor(y[2] + kScanSlack)));
+    const auto r_first = std::max<std::int64_t>(0, static_cast<std::int64_t>(std::ceil(y[0] - slack_y)));
+    const auto r_last = std::min<std::int64_t>(w.n_rows - 1, static_cast<std::int64_t>(std::floor(y[2] + slack_y)));
     const double long_slope = (x[2] - x[0]) / (y[2] - y[0]);
     const double low_slope = y[1] > y[0] ? (x[1] - x[0]) / (y[1] - y[0]) : 0;
     const double high_slope = y[2] > y[1] ? (x[2] - x[1]) / (y[2] - y[1]) : 0;
@@ -359,8 +359,8 @@ class TileRefiner {
         x_short = x[1] + high_slope * (at - y[1]);
       }
       const double left = std::min(x_long, x_short), right = std::max(x_long, x_short);
-      const auto c_first = std::max<std::int64_t>(0, static_cast<std::int64_t>(std::ceil(left - kScanSlack)));
-      const auto c_last = std::min<std::int64_t>(w.n_cols - 1, static_cast<std::int64_t>(std::floor(right + kScanSlack)));
+      const auto c_first = std::max<std::int64_t>(0, static_cast<std::int64_t>(std::ceil(left - slack_x)));
+      const auto c_last = std::min<std::int64_t>(w.n_cols - 1, static_cast<std::int64_t>(std::floor(right + slack_x)));
       if (c_first <= c_last) row(r, c_first, c_last);
     }
   }

@@ -126,6 +126,7 @@ std::string encode_manifest(const Manifest& m) {
       {"sources", std::move(sources)},
       {"posts", {{"source", m.n_source_posts}, {"filled", m.n_filled_posts}, {"falloff", m.n_falloff_posts}}},
       {"options", json::parse(m.options_json)},
+      {"content_hash", m.content_hash},
       {"levels", std::move(levels)}};
   return j.dump(-1, ' ', false, json::error_handler_t::replace);
 }
@@ -164,6 +165,7 @@ Result<Manifest> decode_manifest(ByteView text) {
     m.n_filled_posts = j.at("posts").at("filled").get<std::uint64_t>();
     m.n_falloff_posts = j.at("posts").at("falloff").get<std::uint64_t>();
     m.options_json = j.at("options").dump();
+    m.content_hash = j.at("content_hash").get<std::string>();
     if (j.at("root_count_x").get<int>() != kRootCountX || m.bottom_level < 0 || m.lattice.level > kMaxLevel ||
         m.bottom_level > m.lattice.level || m.lattice.height_exponent < 0 || m.lattice.height_exponent > 16 ||
         !(m.lattice.ellipsoid.semi_major_m > 0) || !(m.lattice.ellipsoid.inverse_flattening > 1)) {

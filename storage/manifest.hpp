@@ -61,6 +61,7 @@ struct Manifest {
   std::vector<SourceInfo> sources;
   std::uint64_t n_source_posts = 0, n_filled_posts = 0, n_falloff_posts = 0;
   std::string options_json = "{}";
+  std::string content_hash;  ///< Of all keys and values but the manifest's own (docs/format.md 9).
   std::vector<LevelInfo> levels;
 
   /// True iff the tile is in `levels[key.level].rows`.

@@ -2,6 +2,7 @@
 #include "storage/tile_store.hpp"
 
 #include <fcntl.h>
+#include <fmt/format.h>
 #include <lmdb.h>
 #include <sys/stat.h>
 #include <unistd.h>
@@ -18,7 +19,7 @@ constexpr std::size_t kKeyBytes = 10;
 constexpr std::array<std::uint8_t, 2> kManifestKey = {0xff, 'm'};
 constexpr mdb_mode_t kFileMode = 0644;
 // Address space, not disk. Fixed, because LMDB writes it into the file and the same input must give the same bytes.
-constexpr std::size_t kMapBytes = std::size_t{1} << 40;
+constexpr std::size_t kMapBytes = std::size_t{1} << 38;
 // A transaction's dirty pages are in memory: commit now and then.
 constexpr std::size_t kCommitBytes = std::size_t{32} << 20;
 
@@ -41,6 +42,7 @@ std::optional<ByteView> get(MDB_txn* txn, MDB_dbi dbi, ByteView key) {
 }
 
 Error lmdb_error(const std::string& path, const char* doing, int code) {
+  if (code == MDB_MAP_FULL) return {ErrorKind::kUnsupported, path + ": a pyramid of more than 256 GiB; build it in parts"};
   if (code == ENOSPC || code == EDQUOT || code == EFBIG) {
     return {ErrorKind::kIo, path + ": no space left on the disk while " + doing + "; free some or write elsewhere"};
   }
@@ -90,7 +92,7 @@ Result<TileStore> TileStore::open(const std::string& path) {
   const auto not_tind = [&] { return fail(ErrorKind::kCorrupt, path + ": not a .tind file, or a damaged one"); };
   if (info.st_size == 0) return not_tind();  // LMDB would call it missing
   if (const int code = mdb_env_create(&impl->env)) return tl::unexpected(lmdb_error(path, "opening", code));
-  // Map the file, not the terabyte of address space that its writer reserved.
+  // Map the file, not the address space that its writer reserved.
   if (const int code = mdb_env_set_mapsize(impl->env, static_cast<std::size_t>(info.st_size))) {
     return tl::unexpected(lmdb_error(path, "opening", code));
   }
@@ -136,7 +138,11 @@ struct TileStoreWriter::Impl {
   MDB_txn* txn = nullptr;
   MDB_dbi dbi = 0;
   std::size_t uncommitted_bytes = 0;
+  std::uint64_t hash = 0xcbf29ce484222325ull;
 
+  void add_to_hash(ByteView bytes) {
+    for (const std::uint8_t byte : bytes) hash = (hash ^ byte) * 0x100000001b3ull;
+  }
   ~Impl() {
     if (txn) mdb_txn_abort(txn);
     if (env) mdb_env_close(env);
@@ -171,9 +177,10 @@ Result<TileStoreWriter> TileStoreWriter::create(const std::string& path) {
 
 Result<void> TileStoreWriter::append(const PieceKey& key, ByteView value) {
   assert(key.valid() && key == key.canonical());
-  if (const int code = impl_->put(key_bytes(key), value)) {
-    return tl::unexpected(lmdb_error(impl_->path, "writing", code));
-  }
+  const auto bytes = key_bytes(key);
+  if (const int code = impl_->put(bytes, value)) return tl::unexpected(lmdb_error(impl_->path, "writing", code));
+  impl_->add_to_hash(bytes);
+  impl_->add_to_hash(value);
   impl_->uncommitted_bytes += value.size() + kKeyBytes;
   if (impl_->uncommitted_bytes < kCommitBytes) return {};
   impl_->uncommitted_bytes = 0;
@@ -188,6 +195,8 @@ Result<void> TileStoreWriter::append(const PieceKey& key, ByteView value) {
 std::optional<ByteView> TileStoreWriter::find(const PieceKey& key) const {
   return get(impl_->txn, impl_->dbi, key_bytes(key));
 }
+
+std::string TileStoreWriter::content_hash() const { return fmt::format("{:016x}", impl_->hash); }
 
 Result<void> TileStoreWriter::finish(ByteView manifest_value) {
   int code = impl_->put(kManifestKey, manifest_value);

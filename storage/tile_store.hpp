@@ -51,7 +51,7 @@ class TileStore {
 /// Writes a new `.tind` file. One thread. Keys must come in storage order, the manifest last.
 class TileStoreWriter {
  public:
-  /// Creates `path`, which must not exist. `map_bytes`: upper bound of the file's size (address space, not disk).
+  /// Creates `path`, which must not exist.
   static Result<TileStoreWriter> create(const std::string& path);
   TileStoreWriter(TileStoreWriter&&) noexcept;
   TileStoreWriter& operator=(TileStoreWriter&&) noexcept;
@@ -62,6 +62,8 @@ class TileStoreWriter {
   Result<void> append(const PieceKey& key, ByteView value);
   /// A stored value of this writer, committed or not. The view is valid until the next append.
   std::optional<ByteView> find(const PieceKey& key) const;
+  /// 64-bit FNV-1a over the keys and values appended so far, as 16 hexadecimal digits.
+  std::string content_hash() const;
   /// Writes the manifest, commits, syncs to disk and closes.
   Result<void> finish(ByteView manifest_value);
 

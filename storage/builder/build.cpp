@@ -653,6 +653,7 @@ Result<BuildReport> build_pyramid(const BuildOptions& options, Progress& progres
 
   PyramidBuilder builder(options, grid->field(), *table, report.threads, *writer, progress);
   if (auto built = builder.run(m, report.breakdown); !built) return tl::unexpected(built.error());
+  m.content_hash = writer->content_hash();
   const std::string manifest = encode_manifest(m);
   if (auto done = writer->finish(pack_value(Bytes(manifest.begin(), manifest.end()))); !done) {
     return tl::unexpected(done.error());

@@ -132,7 +132,7 @@ for (const name of kDatasets) {
       }
     });
 
-    it('at ten known posts the decoded surface is within E_L at every level', (t) => {
+    it('at the known posts the decoded surface is within E_L at every level', (t) => {
       const worst = meta.levels.map(() => 0);
       for (const {lon, lat, height_m} of kPosts[name]) {
         let n_found = 0;

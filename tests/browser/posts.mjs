@@ -41,9 +41,9 @@ export function planetGrid() {
   return lines.join('\n') + '\n';
 }
 
-/// Twelve posts of the planet: on and beside both poles, on and beside longitude 180, and elsewhere.
+/// Posts of the planet: five on tile borders (both poles, longitude 180, longitude 0), and ten beside those and elsewhere.
 const kPlanet = [[0, 90], [90, -90], [33, 89.5], [-120.5, -89.5], [-180, 0], [-180, 41.5], [179.5, 10], [-179.5, -33], [0, 0],
-                 [-105, 37.5], [87, 28], [12.5, -71]]
+                 [-105, 37.5], [87, 28], [12.5, -71], [-150.5, 60], [60.5, -20.5], [140, -45.5]]
   .map(([lon, lat]) => ({lon, lat, height_m: planetHeight(lon, lat)}));
 
 export const kPosts = {sangre_de_cristo: kSangreDeCristo, sangre_de_cristo_fine: kSangreDeCristo, planet: kPlanet};

@@ -198,6 +198,7 @@ Outcome<ManifestView> read_manifest(BlobView bytes) {
     return refuse(fmt::format("meta.json: format version {} is not 1, the one this program knows", m.format_version));
   }
   in.string("generator");
+  in.string("content_hash");
   in.string("attribution");
   m.vertical_datum = in.string("vertical_datum");
   m.horizontal_crs = in.string("horizontal_crs");

@@ -39,10 +39,10 @@ TEST(Assembler, PutsTheRingInLocalOrderAndTurnsNorthAndWest) {
   const auto node = assemble(lattice(), kKey, sound_pieces());
   ASSERT_TRUE(node) << node.error().message;
   EXPECT_THAT(node->vertices,
-              ElementsAre(LocalVertex{0, 0, 10}, LocalVertex{100, 0, 1}, LocalVertex{200, 0, 2}, LocalVertex{kSide, 0, 20},
-                          LocalVertex{kSide, 300, 3}, LocalVertex{kSide, kSide, 30}, LocalVertex{500, kSide, 5},
-                          LocalVertex{400, kSide, 4}, LocalVertex{0, kSide, 40}, LocalVertex{0, 700, 7},
-                          LocalVertex{0, 600, 6}, LocalVertex{1000, 2000, 50}));
+              ElementsAre(LocalVertex{0, 0, 10}, LocalVertex{100, 0, 1}, LocalVertex{200, 0, 2},
+                          LocalVertex{kSide, 0, 20}, LocalVertex{kSide, 300, 3}, LocalVertex{kSide, kSide, 30},
+                          LocalVertex{500, kSide, 5}, LocalVertex{400, kSide, 4}, LocalVertex{0, kSide, 40},
+                          LocalVertex{0, 700, 7}, LocalVertex{0, 600, 6}, LocalVertex{1000, 2000, 50}));
   EXPECT_THAT(node->side_entries[0], ElementsAre(0, 1, 0, 1));
   EXPECT_THAT(node->side_entries[1], ElementsAre(1, 1, 0));
   EXPECT_THAT(node->side_entries[2], ElementsAre(0, 1, 0, 1));
@@ -76,7 +76,7 @@ TEST(Assembler, RefusesPiecesThatDoNotFit) {
     EXPECT_EQ(node.error().kind, ErrorKind::kCorrupt) << name;
     EXPECT_NE(node.error().message.find("1/2/1"), std::string::npos) << node.error().message;
   }
-  EXPECT_FALSE(assemble(lattice(), {2, 0, 0}, sound_pieces()));   // below the lattice
+  EXPECT_FALSE(assemble(lattice(), {2, 0, 0}, sound_pieces()));  // below the lattice
   EXPECT_FALSE(assemble(lattice(), {1, 4, 0}, sound_pieces()));
 }
 

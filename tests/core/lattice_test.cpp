@@ -45,7 +45,7 @@ TEST(Lattice, CountsHeightsInPowersOfTwoOfAMetre) {
   lattice.height_exponent = 4;
   EXPECT_EQ(lattice.height_from_m(10), 160);
   EXPECT_EQ(lattice.height_from_m(-0.04), -1);
-  EXPECT_EQ(lattice.height_from_m(0.03125), 1);    // halves away from zero
+  EXPECT_EQ(lattice.height_from_m(0.03125), 1);  // halves away from zero
   EXPECT_EQ(lattice.height_from_m(-0.03125), -1);
   EXPECT_EQ(lattice.height_m(-7), -0.4375);
 }

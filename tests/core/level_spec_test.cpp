@@ -37,7 +37,8 @@ TEST(LevelSpec, Gives10MetrePostsEightMetresAndDoublesUpwards) {
   EXPECT_NEAR(tolerance(t, bottom - 3), 64, 1e-9);
   for (int level = 0; level < bottom; ++level) {
     EXPECT_EQ(tolerance(t, level), 2 * tolerance(t, level + 1));
-    EXPECT_EQ(t.levels[static_cast<std::size_t>(level)].spacing_m, 2 * t.levels[static_cast<std::size_t>(level) + 1].spacing_m);
+    EXPECT_EQ(t.levels[static_cast<std::size_t>(level)].spacing_m,
+              2 * t.levels[static_cast<std::size_t>(level) + 1].spacing_m);
   }
 }
 
@@ -172,7 +173,8 @@ TEST(Seeds, FollowTheTableAndKeepChordsAboveTheTolerance) {
   const std::vector<int> table = {16, 8, 8, 4, 4, 2, 2, 1, 1, 1};
   for (int level = 0; level < 10; ++level) {
     // SRTM's tolerances: the table is enough.
-    EXPECT_EQ(seed_segments(level, std::ldexp(24.7, 12 - level), kRadius), table[static_cast<std::size_t>(level)]) << level;
+    EXPECT_EQ(seed_segments(level, std::ldexp(24.7, 12 - level), kRadius), table[static_cast<std::size_t>(level)])
+        << level;
   }
   for (int level = 0; level < 10; ++level) {
     const double tolerance_m = std::ldexp(0.4, 18 - level) / 16;

@@ -78,6 +78,10 @@ TEST(ZigZag, FollowsTheFormat) {
   zig_zag(0, std::vector<std::uint32_t>{1, 2, 3}, std::vector<std::uint32_t>{8, 9}, out);
   EXPECT_THAT(out, ElementsAre(Triangle{0, 1, 8}, Triangle{1, 2, 8}, Triangle{2, 9, 8}, Triangle{2, 3, 9}));
   out.clear();
+  // |R| = |Q| = 2: a tie goes to R.
+  zig_zag(0, std::vector<std::uint32_t>{1, 2}, std::vector<std::uint32_t>{8, 9}, out);
+  EXPECT_THAT(out, ElementsAre(Triangle{0, 1, 8}, Triangle{1, 2, 8}, Triangle{2, 9, 8}));
+  out.clear();
   zig_zag(0, std::vector<std::uint32_t>{1, 2, 3}, std::vector<std::uint32_t>{8}, out);
   EXPECT_THAT(out, ElementsAre(Triangle{0, 1, 8}, Triangle{1, 2, 8}, Triangle{2, 3, 8}));
   out.clear();
@@ -116,11 +120,12 @@ TEST(VirtualTriangles, AreListedInRingOrderWithTheirBorderEdges) {
               ElementsAre(VirtualTriangle{0, 2, 1, 0, {}}, VirtualTriangle{1, 2, 3, 0, {}}));
   // One vertex in the middle: every border edge has its own triangle.
   EXPECT_THAT(find_virtual_triangles({{0, 1, 4}, {0, 4, 3}, {1, 2, 4}, {2, 3, 4}}, {0, 0, 0, 0}),
-              ElementsAre(VirtualTriangle{0, 1, 0, 0, {}}, VirtualTriangle{2, 1, 1, 0, {}}, VirtualTriangle{3, 1, 2, 0, {}},
-                          VirtualTriangle{1, 1, 3, 0, {}}));
+              ElementsAre(VirtualTriangle{0, 1, 0, 0, {}}, VirtualTriangle{2, 1, 1, 0, {}},
+                          VirtualTriangle{3, 1, 2, 0, {}}, VirtualTriangle{1, 1, 3, 0, {}}));
   // A vertex (1) inside the south side: C1 is 2, C2 3, C3 4.
-  EXPECT_THAT(find_virtual_triangles({{0, 1, 4}, {1, 2, 3}, {1, 3, 4}}, {1, 0, 0, 0}),
-              ElementsAre(VirtualTriangle{0, 2, 0, 0, {}}, VirtualTriangle{1, 2, 1, 0, {}}, VirtualTriangle{2, 1, 2, 0, {}}));
+  EXPECT_THAT(
+      find_virtual_triangles({{0, 1, 4}, {1, 2, 3}, {1, 3, 4}}, {1, 0, 0, 0}),
+      ElementsAre(VirtualTriangle{0, 2, 0, 0, {}}, VirtualTriangle{1, 2, 1, 0, {}}, VirtualTriangle{2, 1, 2, 0, {}}));
 }
 
 }  // namespace

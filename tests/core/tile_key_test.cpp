@@ -11,7 +11,6 @@
 namespace tind {
 namespace {
 
-
 TEST(MortonCode, PutsXOnEvenAndYOnOddBits) {
   EXPECT_EQ(morton_code(1, 0), 1u);
   EXPECT_EQ(morton_code(0, 1), 2u);
@@ -26,10 +25,12 @@ TEST(MortonCode, DecodesAndOrdersAsMortonLess) {
     // Close pairs as well as distant ones.
     const auto mask = (std::uint64_t{1} << (1 + random() % 32)) - 1;
     const auto ax = static_cast<std::uint32_t>(random()), ay = static_cast<std::uint32_t>(random());
-    const auto bx = static_cast<std::uint32_t>(ax ^ (random() & mask)), by = static_cast<std::uint32_t>(ay ^ (random() & mask));
+    const auto bx = static_cast<std::uint32_t>(ax ^ (random() & mask)),
+               by = static_cast<std::uint32_t>(ay ^ (random() & mask));
     EXPECT_EQ(morton_decode_even(morton_code(ax, ay)), ax);
     EXPECT_EQ(morton_decode_even(morton_code(ax, ay) >> 1), ay);
-    EXPECT_EQ(morton_less(ax, ay, bx, by), morton_code(ax, ay) < morton_code(bx, by)) << ax << ' ' << ay << ' ' << bx << ' ' << by;
+    EXPECT_EQ(morton_less(ax, ay, bx, by), morton_code(ax, ay) < morton_code(bx, by))
+        << ax << ' ' << ay << ' ' << bx << ' ' << by;
   }
   EXPECT_FALSE(morton_less(7, 7, 7, 7));
   EXPECT_TRUE(morton_less(std::uint64_t{1} << 40, 0, 0, std::uint64_t{1} << 40));
@@ -42,7 +43,8 @@ TEST(TileKey, HasItsChildrenInMortonOrderAndTheirParent) {
   EXPECT_EQ(tile.child(2), (TileKey{5, 18, 7}));
   for (int c = 0; c < 4; ++c) {
     EXPECT_EQ(tile.child(c).parent(), tile);
-    EXPECT_EQ(morton_code(tile.child(c).x, tile.child(c).y), 4 * morton_code(tile.x, tile.y) + static_cast<unsigned>(c));
+    EXPECT_EQ(morton_code(tile.child(c).x, tile.child(c).y),
+              4 * morton_code(tile.x, tile.y) + static_cast<unsigned>(c));
   }
 }
 

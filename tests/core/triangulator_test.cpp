@@ -69,7 +69,8 @@ TEST(Triangulator, KeepsThePromiseAtCliffs) {
 }
 
 TEST(Triangulator, KeepsThePromiseAtPostsBesideABorder) {
-  // A bottom tile, where posts are closest in lattice steps. The first row and column inside lie this far from the border.
+  // A bottom tile, where posts are closest in lattice steps. The first row and column inside lie this far from the
+  // border.
   for (const double steps : {0.0, 0.3, 0.49, 0.51, 1.0}) {
     GridPlace place = place_over(kTile.level, kTile.x, kTile.y, kTile.level, 310.7, 3);
     const double side = std::ldexp(1.0, 16);
@@ -97,16 +98,12 @@ TEST(Triangulator, WorksInTilesSmallerThanTheSpacing) {
 }
 
 TEST(Triangulator, ChecksTheBaseOutsideTheGridOnItsOwnGrid) {
-  // The data end inside the tile, in the middle and near a corner; the last posts are the base, as after a falloff.
+  // The data end inside the tile, in the middle and near a corner, with a cliff.
   for (const std::int64_t n : {std::int64_t{9}, std::int64_t{57}}) {
     GridPlace place = place_over(kTile.level, kTile.x, kTile.y, kLatticeLevel, kSpacing, 3);
     place.n_rows = place.n_cols = n;
-    place.base_height_m = 90;
-    const HeightAt rough = rough_terrain(5, 2000);
-    const TestField f(place, [&](auto r, auto c) {
-      const auto from_rim = static_cast<double>(std::min({r, c, n - 1 - r, n - 1 - c}));
-      return 90 + std::min(1.0, from_rim / 3) * rough(r, c);
-    });
+    place.base_height_m = -90;
+    const TestField f(place, rough_terrain(5, 700));
     EXPECT_EQ(triangulate_and_check(f, 35), "") << n << " posts a side";
   }
 }

@@ -55,18 +55,21 @@ SIDE = 65536
 n_side = [1, 0, 0, 0]
 interior = [(300, 200, -40), (1000, 60000, 800)]  # x, y, z in Morton order
 triangles = [(0, 1, 5), (0, 5, 4), (1, 2, 5), (2, 3, 6), (2, 6, 5), (3, 4, 6), (4, 5, 6)]
-vts = [(0, 1, 0, 0, [2, 3]), (2, 1, 0, 1, [0, 300]), (3, 1, 1, 0, [0, 0]), (5, 1, 2, 0, [1, 1]), (1, 1, 3, 0, [0, 7])]
+vts = [(0, 1, 0, 0, [2, 3]), (2, 1, 0, 1, [0, 300]), (3, 1, 1, 0, [0, 0]), (5, 1, 2, 0, [1, 1]),
+       (1, 1, 3, 0, [0, 7])]
 MAX_ERROR, RMSE, N_POSTS = 24.5, 3.25, 44100
 body = b"B" + bytes([1]) + svarint(-1234) + svarint(100000) + uvarint(N_POSTS) + struct.pack("<ff", MAX_ERROR, RMSE)
-body += b"".join(uvarint(n) for n in n_side) + uvarint(len(interior)) + uvarint(len(triangles)) + bytes([2]) + uvarint(len(vts))
+body += b"".join(uvarint(n) for n in n_side) + uvarint(len(interior)) + uvarint(len(triangles))
+body += bytes([2]) + uvarint(len(vts))
 for axis in range(3):
     body += chain(v[axis] for v in interior)
 body += chain(i for t in triangles for i in t) + runs_of(vts)
 
 ring = [(0, 0, -1234), (30000, 0, -2), (SIDE, 0, 10), (SIDE, SIDE, 20), (0, SIDE, 100000)]
 vertices = ring + interior
-vn = b"TVN1" + bytes([3, 3, 4, 1]) + struct.pack("<II", 9, 2) + struct.pack("<f", 32.0) + struct.pack("<ff", MAX_ERROR, RMSE)
-vn += struct.pack("<ii", -1234, 100000) + struct.pack("<4I", *n_side) + struct.pack("<III", len(interior), len(triangles), len(vts))
+vn = b"TVN1" + bytes([3, 3, 4, 1]) + struct.pack("<II", 9, 2) + struct.pack("<fff", 32.0, MAX_ERROR, RMSE)
+vn += struct.pack("<ii", -1234, 100000) + struct.pack("<4I", *n_side)
+vn += struct.pack("<III", len(interior), len(triangles), len(vts))
 vn += bytes([2, 0, 0, 0]) + struct.pack("<Q", N_POSTS)
 assert len(vn) == 76
 vn += bytes([0, 3, 2]) + bytes([2, 1]) + bytes([1, 0]) + bytes([0, 0])
@@ -86,9 +89,11 @@ manifest = {
     "disagreement_m": 0.5, "bounds_deg": [-106.0, 37.0, -104.0, 38.0], "spacing_deg": [0.25, 0.125],
     "sources": [{"name": "a.tif", "sha256": "00ff", "n_cols": 9, "n_rows": 7}],
     "posts": {"source": 63, "filled": 2, "falloff": 1000}, "options": {"falloff_posts": 64},
+    "content_hash": "0123456789abcdef",
     "levels": [{
-        "level": 0, "tolerance_m": 32.5, "spacing_m": 40.25, "height_step_m": 0.5, "n_tiles": 2, "n_real": 0, "n_partial": 1,
-        "n_filler": 1, "n_vertices": 11, "n_border_vertices": 7, "n_seed_vertices": 3, "n_triangles": 12, "n_posts": 63,
+        "level": 0, "tolerance_m": 32.5, "spacing_m": 40.25, "height_step_m": 0.5, "n_tiles": 2, "n_real": 0,
+        "n_partial": 1, "n_filler": 1, "n_vertices": 11, "n_border_vertices": 7, "n_seed_vertices": 3, "n_triangles": 12,
+        "n_posts": 63,
         "max_error_m": 24.5, "rmse_m": 3.25, "bytes": 321, "rows": [[0, 0, 0, 1], [0, 1, 1, 0]]}],
 }
 
@@ -98,4 +103,5 @@ OUT.mkdir(exist_ok=True)
 (OUT / "body.bin").write_bytes(body)
 (OUT / "body.zst").write_bytes(frame)
 (OUT / "tile.vn").write_bytes(vn)
-(OUT / "manifest.json").write_text(json.dumps(manifest, sort_keys=True, separators=(",", ":"), ensure_ascii=False), "utf-8")
+(OUT / "manifest.json").write_text(
+    json.dumps(manifest, sort_keys=True, separators=(",", ":"), ensure_ascii=False), "utf-8")

@@ -53,8 +53,8 @@ class BuildTest : public ::testing::Test {
   /// Posts at west + c * spacing, south + r * spacing; row 0 is the southernmost.
   std::string write_grid(const std::string& name, double west, double south, double spacing, int n_rows, int n_cols,
                          const HeightAt& height) const {
-    std::string text = fmt::format("ncols {}\nnrows {}\nxllcenter {}\nyllcenter {}\ncellsize {}\nNODATA_value -9999\n", n_cols,
-                                   n_rows, west, south, spacing);
+    std::string text = fmt::format("ncols {}\nnrows {}\nxllcenter {}\nyllcenter {}\ncellsize {}\nNODATA_value -9999\n",
+                                   n_cols, n_rows, west, south, spacing);
     for (int r = n_rows - 1; r >= 0; --r) {
       for (int c = 0; c < n_cols; ++c) text += fmt::format("{:.2f} ", height(r, c));
       text += '\n';
@@ -190,11 +190,15 @@ void expect_sound(const Pyramid& p) {
       }
       if (l > 0) {
         EXPECT_TRUE(p.tiles.contains({l - 1, key.x / 2, key.y / 2}));
-        for (int c = 0; c < 4; ++c) EXPECT_TRUE(p.tiles.contains({l, key.parent().child(c).x, key.parent().child(c).y}));
+        for (int c = 0; c < 4; ++c)
+          EXPECT_TRUE(p.tiles.contains({l, key.parent().child(c).x, key.parent().child(c).y}));
         // P_{L-1} is a subset of P_L.
         const VirtualNode& parent = p.at(l - 1, key.x / 2, key.y / 2);
         for (int b = 0; b < 4; ++b) {
-          const bool outer = b == 0 ? key.y % 2 == 0 : b == 1 ? key.x % 2 == 1 : b == 2 ? key.y % 2 == 1 : key.x % 2 == 0;
+          const bool outer = b == 0   ? key.y % 2 == 0
+                             : b == 1 ? key.x % 2 == 1
+                             : b == 2 ? key.y % 2 == 1
+                                      : key.x % 2 == 0;
           if (!outer) continue;
           const auto fine = side_of(p, node, b), coarse = side_of(p, parent, b);
           for (const auto& v : coarse) {
@@ -235,8 +239,10 @@ TEST_F(BuildTest, WritesTheSameBytesForAnyOrderOfInputs) {
   const HeightAt rough = rough_terrain(5, 1000);
   // Overlapping by a column that disagrees by half a metre.
   const std::string a = write_grid("a.asc", 7, 50, 0.001, 30, 31, rough);
-  const std::string b = write_grid("b.asc", 7.03, 50, 0.001, 30, 31, [&](auto r, auto c) { return rough(r, c + 30) + (c == 0 ? 0.5 : 0); });
-  const std::string c = write_grid("c.asc", 7, 50.03, 0.001, 30, 31, [&](auto r, auto col) { return rough(r + 30, col); });
+  const std::string b = write_grid("b.asc", 7.03, 50, 0.001, 30, 31,
+                                   [&](auto r, auto c) { return rough(r, c + 30) + (c == 0 ? 0.5 : 0); });
+  const std::string c =
+      write_grid("c.asc", 7, 50.03, 0.001, 30, 31, [&](auto r, auto col) { return rough(r + 30, col); });
   ASSERT_TRUE(build(options({a, b, c}, "abc.tind")));
   ASSERT_TRUE(build(options({c, a, b}, "cab.tind")));
   EXPECT_EQ(bytes_of("abc.tind"), bytes_of("cab.tind"));
@@ -302,7 +308,8 @@ TEST_F(BuildTest, StoresRunsThatAgreeWithEntryLevels) {
 TEST_F(BuildTest, JoinsDataAcrossLongitude180) {
   const HeightAt rough = rough_terrain(9, 2000);
   const std::string west = write_grid("west.asc", 179.967, -17, 0.001, 40, 33, rough);  // ends at 179.999
-  const std::string east = write_grid("east.asc", -180, -17, 0.001, 40, 33, [&](auto r, auto c) { return rough(r, c + 33); });
+  const std::string east =
+      write_grid("east.asc", -180, -17, 0.001, 40, 33, [&](auto r, auto c) { return rough(r, c + 33); });
   ASSERT_TRUE(build(options({west, east}, "a.tind")));
   const Pyramid p = read("a.tind");
   EXPECT_EQ(p.manifest.n_source_posts, 40u * 66);
@@ -333,9 +340,20 @@ TEST_F(BuildTest, CoversAWholeGlobeWithOneHeightAtEachPole) {
   }
 }
 
+TEST_F(BuildTest, GivesARowOfPostsOnAPoleOneHeight) {
+  const std::string input = write_grid("globe.asc", -180, -90, 3, 61, 120, rough_terrain(4, 28000));
+  BuildOptions o = options({input}, "a.tind");
+  o.levels.finest_m = 17000;
+  ASSERT_TRUE(build(o));
+  const Pyramid p = read("a.tind");
+  expect_sound(p);
+  for (const LevelInfo& level : p.manifest.levels) EXPECT_EQ(level.n_posts, 60u * 120);  // the north pole is in no tile
+}
+
 TEST_F(BuildTest, KeepsTheToleranceOnSteepDataWithATightOne) {
   // A post is 111 m wide and 300 m high: half a lattice step aside is 0.3 m.
-  BuildOptions o = options({write_grid("steep.asc", 10.0003, 45.0001, 0.001, 20, 24, rough_terrain(3, 1500))}, "a.tind");
+  BuildOptions o =
+      options({write_grid("steep.asc", 10.0003, 45.0001, 0.001, 20, 24, rough_terrain(3, 1500))}, "a.tind");
   o.levels.finest_m.reset();
   o.levels.tolerance_m = 0.2;
   ASSERT_TRUE(build(o));
@@ -416,8 +434,8 @@ TEST_F(BuildTest, SaysSoWhenTheDiskIsFull) {
       BuildOptions o = options({input}, "a.tind", 1);
       o.force = true;
       const auto report = build(o);
-      const bool said = !report && report.error().kind == ErrorKind::kIo &&
-                        report.error().message.find("\n") == std::string::npos;
+      const bool said =
+          !report && report.error().kind == ErrorKind::kIo && report.error().message.find("\n") == std::string::npos;
       std::_Exit(said ? 0 : 1);
     }
     int status = 0;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Records, values and manifests: what was encoded comes back, and no bytes at all crash a decoder or make it ask for memory
-// out of proportion.
+// Records, values and manifests: what was encoded comes back, and no bytes at all crash a decoder or make it ask for
+// memory out of proportion.
 #include <algorithm>
 #include <functional>
 
@@ -83,15 +83,18 @@ void torment(const Bytes& record, double bytes_a_byte, const std::function<bool(
     Bytes bytes = record;
     for (std::int64_t flips = 0; flips <= k % 3; ++flips) {
       // Half of the damage in the head, where the counts are.
-      const double range = k % 2 ? static_cast<double>(bytes.size()) : std::min<double>(40, static_cast<double>(bytes.size()));
-      bytes[static_cast<std::size_t>(noise(1, k, flips) * range)] ^= static_cast<std::uint8_t>(1 + noise(2, k, flips) * 255);
+      const double range =
+          k % 2 ? static_cast<double>(bytes.size()) : std::min<double>(40, static_cast<double>(bytes.size()));
+      bytes[static_cast<std::size_t>(noise(1, k, flips) * range)] ^=
+          static_cast<std::uint8_t>(1 + noise(2, k, flips) * 255);
     }
     try_one(bytes);
   }
 }
 
 TEST(CornerRecord, ComesBackAndSurvivesDamage) {
-  for (const std::int32_t z : {0, -1, 77, INT32_MIN, INT32_MAX}) EXPECT_EQ(decode_corner(encode_corner({z})).value(), Corner{z});
+  for (const std::int32_t z : {0, -1, 77, INT32_MIN, INT32_MAX})
+    EXPECT_EQ(decode_corner(encode_corner({z})).value(), Corner{z});
   torment(encode_corner({INT32_MIN}), 0, [](ByteView b) { return decode_corner(b).has_value(); });
   EXPECT_FALSE(decode_corner(Bytes{'C', 0xff, 0xff, 0xff, 0xff, 0x7f}));  // beyond 32 bits
 }
@@ -239,9 +242,9 @@ TEST(ManifestRecord, RefusesValuesOutOfRange) {
            {"\"format\":\"tind\"", "\"format\":\"mbtiles\""},
            {"\"tolerance_m\":1.0", "\"tolerance_m\":-1.0"},
            {"\"tolerance_m\":1.0", "\"tolerance_m\":\"1\""},
-           {"[0,1,1,1]", "[0,1,2,1]"},    // beyond the level
-           {"[0,1,1,1]", "[0,0,1,1]"},    // overlaps the run before
-           {"[0,1,1,1]", "[0,1,1,3]"},    // no such coverage
+           {"[0,1,1,1]", "[0,1,2,1]"},  // beyond the level
+           {"[0,1,1,1]", "[0,0,1,1]"},  // overlaps the run before
+           {"[0,1,1,1]", "[0,1,1,3]"},  // no such coverage
            {"[0,1,1,1]", "[0,1,-1,1]"},
            {"\"inverse_flattening\":298.257223563", "\"inverse_flattening\":0.5"}}) {
     const auto m = decode_with(from, to);

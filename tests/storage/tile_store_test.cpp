@@ -35,7 +35,8 @@ class TileStoreTest : public ::testing::Test {
     keys.erase(std::unique(keys.begin(), keys.end()), keys.end());
     std::vector<std::pair<PieceKey, Bytes>> out;
     for (const PieceKey& key : keys) {
-      out.emplace_back(key, Bytes(key.kind == PieceKind::kBody ? 9000 : 3, static_cast<std::uint8_t>(key.i * 16 + key.j)));
+      out.emplace_back(key,
+                       Bytes(key.kind == PieceKind::kBody ? 9000 : 3, static_cast<std::uint8_t>(key.i * 16 + key.j)));
     }
     return out;
   }
@@ -72,7 +73,8 @@ TEST_F(TileStoreTest, GivesBackEveryPieceUnderEveryName) {
   const auto west = snapshot->find({PieceKind::kEdgeV, 2, 0, 1});
   ASSERT_TRUE(east && west);
   EXPECT_EQ(east->data(), west->data());
-  EXPECT_EQ(snapshot->find({PieceKind::kCorner, 2, 5, 0})->data(), snapshot->find({PieceKind::kCorner, 2, 0, 0})->data());
+  EXPECT_EQ(snapshot->find({PieceKind::kCorner, 2, 5, 0})->data(),
+            snapshot->find({PieceKind::kCorner, 2, 0, 0})->data());
   EXPECT_FALSE(snapshot->find({PieceKind::kBody, 1, 0, 0}));
   EXPECT_FALSE(snapshot->find({PieceKind::kBody, 2, 0, 4}));
   EXPECT_EQ(snapshot->find_manifest()->size(), 2u);
@@ -128,7 +130,8 @@ TEST_F(TileStoreTest, RefusesWhatIsNoStore) {
   const int corrupt = static_cast<int>(ErrorKind::kCorrupt);
   EXPECT_EQ(opens_with(path("missing.tind")), static_cast<int>(ErrorKind::kNotFound));
   EXPECT_EQ(opens_with(folder_.string()), static_cast<int>(ErrorKind::kInvalidInput));
-  for (const std::size_t n : {std::size_t{0}, std::size_t{1}, std::size_t{100}, std::size_t{5000}, std::size_t{100000}}) {
+  for (const std::size_t n :
+       {std::size_t{0}, std::size_t{1}, std::size_t{100}, std::size_t{5000}, std::size_t{100000}}) {
     std::ofstream(path("junk.tind"), std::ios::binary) << std::string(n, 'x');
     EXPECT_EQ(opens_with(path("junk.tind")), corrupt) << n << " bytes";
   }

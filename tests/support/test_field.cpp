@@ -51,7 +51,8 @@ HeightAt rough_terrain(std::uint64_t seed, double amplitude_m) {
   };
 }
 
-GridPlace place_over(std::uint8_t level, std::int64_t x, std::int64_t y, int lattice_level, double spacing, int overlap) {
+GridPlace place_over(std::uint8_t level, std::int64_t x, std::int64_t y, int lattice_level, double spacing,
+                     int overlap) {
   GridPlace place;
   place.lattice_level = lattice_level;
   const double side = std::ldexp(1.0, 16 + lattice_level - level);

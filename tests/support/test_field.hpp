@@ -37,6 +37,7 @@ double noise(std::uint64_t seed, std::int64_t a, std::int64_t b);
 HeightAt rough_terrain(std::uint64_t seed, double amplitude_m);
 
 /// Posts over tile `key`, `overlap` of them beyond each side, `spacing` lattice steps apart from an uneven origin.
-GridPlace place_over(std::uint8_t level, std::int64_t x, std::int64_t y, int lattice_level, double spacing, int overlap);
+GridPlace place_over(std::uint8_t level, std::int64_t x, std::int64_t y, int lattice_level, double spacing,
+                     int overlap);
 
 }  // namespace tind::test

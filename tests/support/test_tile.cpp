@@ -11,10 +11,14 @@ namespace {
 
 LocalVertex on_border(int b, std::int64_t t, std::int32_t z, std::int64_t side) {
   switch (b) {
-    case 0: return {t, 0, z};
-    case 1: return {side, t, z};
-    case 2: return {t, side, z};
-    default: return {0, t, z};
+    case 0:
+      return {t, 0, z};
+    case 1:
+      return {side, t, z};
+    case 2:
+      return {t, side, z};
+    default:
+      return {0, t, z};
   }
 }
 
@@ -78,8 +82,7 @@ Mesh mesh_of(const TestTile& tile) {
 
 Mesh tessellate(const TestTile& tile, const std::array<int, 4>& levels) {
   Mesh mesh = mesh_of(tile);
-  const std::int64_t side =
-      mesh.vertices[tile.task.borders[0].size()].x;  // C1 is the SE corner
+  const std::int64_t side = mesh.vertices[tile.task.borders[0].size()].x;  // C1 is the SE corner
   // Per border: chains between the vertices of the tile's own level, as indices into mesh.vertices.
   std::array<std::vector<std::vector<std::uint32_t>>, 4> chains;
   std::array<std::uint32_t, 4> n_side{};
@@ -154,7 +157,8 @@ PostCheck check_posts(const HeightField& field, const TileKey& key, const Mesh& 
       if (!field.covers(x + west, y + south)) points.push_back({x, y, field.base_height_m, true, false});
     }
   }
-  std::sort(points.begin(), points.end(), [](const Point& a, const Point& b) { return std::pair(a.y, a.x) < std::pair(b.y, b.x); });
+  std::sort(points.begin(), points.end(),
+            [](const Point& a, const Point& b) { return std::pair(a.y, a.x) < std::pair(b.y, b.x); });
   for (const Triangle& t : mesh.triangles) {
     const LocalVertex &a = mesh.vertices[t[0]], &b = mesh.vertices[t[1]], &c = mesh.vertices[t[2]];
     const auto [low, high] = std::minmax({a.y, b.y, c.y});
@@ -180,7 +184,8 @@ PostCheck check_posts(const HeightField& field, const TileKey& key, const Mesh& 
       const auto at = p++;
       if (std::min({wa, wb, wc}) < -1e-12L * all) continue;
       const long double z = (wa * static_cast<long double>(a.z) + wb * static_cast<long double>(b.z) +
-                             wc * static_cast<long double>(c.z)) / all * static_cast<long double>(field.lattice.height_unit_m());
+                             wc * static_cast<long double>(c.z)) /
+                            all * static_cast<long double>(field.lattice.height_unit_m());
       at->worst = std::max(at->worst, static_cast<double>(std::abs(z - static_cast<long double>(at->height_m))));
     }
   }

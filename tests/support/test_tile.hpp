@@ -25,8 +25,8 @@ struct Mesh {
   std::vector<Triangle> triangles;
 };
 
-/// Tolerances E, E/2, .. from `level` on, less half a height unit as the builder takes, one segment a side, height steps of a
-/// height unit.
+/// Tolerances E, E/2, .. from `level` on, less half a height unit as the builder takes, one segment a side, height
+/// steps of a height unit.
 RefinementSpec spec_from(int level, double tolerance_m, int n_levels, const Lattice& lattice);
 
 /// The border lines and the task of a tile; `surface` is empty.
@@ -41,11 +41,11 @@ Mesh tessellate(const TestTile& tile, const std::array<int, 4>& levels);
 
 /// What a mesh does at the posts of the closed tile: found by trying all triangles around each post, in long double.
 struct PostCheck {
-  double worst_m = 0;             ///< largest |TIN - h| at a post; a post on an edge counts in both triangles
-  double worst_base_m = 0;        ///< same at the uncovered points of the tile's 256 x 256 grid, against the base height
-  std::int64_t n_posts = 0;       ///< posts in the closed tile
-  std::int64_t n_missed = 0;      ///< posts or grid points in no triangle
-  std::int64_t n_own_source = 0;  ///< source posts with west <= X < east, south <= Y < north
+  double worst_m = 0;         ///< largest |TIN - h| at a post; a post on an edge counts in both triangles
+  double worst_base_m = 0;    ///< same at the uncovered points of the tile's 256 x 256 grid, against the base height
+  std::int64_t n_posts = 0;   ///< posts in the closed tile
+  std::int64_t n_missed = 0;  ///< posts or grid points in no triangle
+  std::int64_t n_own_source = 0;           ///< source posts with west <= X < east, south <= Y < north
   double own_worst_m = 0, own_rmse_m = 0;  ///< over those
 };
 PostCheck check_posts(const HeightField& field, const TileKey& key, const Mesh& mesh);

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Plain greedy triangulation of all posts of a DEM in ONE mesh (Garland & Heckbert 1995): no tiles, borders, seeds, nesting or
 // guard. What a pyramid's level costs more than this is the price of seams and levels.
-//   greedy_baseline DEM TOLERANCE_M...         prints the vertices for each tolerance
-//   greedy_baseline DEM --report REPORT.json   adds the overhead to each level of a report of tind-build and prints it
+//   bench_greedy_baseline DEM TOLERANCE_M...         prints the vertices for each tolerance
+//   bench_greedy_baseline DEM --report REPORT.json   adds the overhead to each level of a report of tind-build and prints it
 
 #include <CGAL/Delaunay_triangulation_2.h>
 #include <CGAL/Exact_predicates_inexact_constructions_kernel.h>
@@ -154,12 +154,12 @@ int add_to_report(const tind::HeightField& field, const std::string& path) {
 
 int main(int argc, char** argv) {
   if (argc < 3) {
-    fmt::print(stderr, "usage: greedy_baseline DEM TOLERANCE_M... | DEM --report REPORT.json\n");
+    fmt::print(stderr, "usage: bench_greedy_baseline DEM TOLERANCE_M... | DEM --report REPORT.json\n");
     return 2;
   }
   const auto mosaic = tind::RasterMosaic::open({argv[1]}, {});
   if (!mosaic) {
-    fmt::print(stderr, "greedy_baseline: {}\n", mosaic.error().message);
+    fmt::print(stderr, "bench_greedy_baseline: {}\n", mosaic.error().message);
     return 1;
   }
   tind::Lattice lattice;
@@ -168,7 +168,7 @@ int main(int argc, char** argv) {
   options.scratch_dir = ".";
   const auto grid = tind::HeightGrid::load(*mosaic, lattice, options, [](double) {});
   if (!grid) {
-    fmt::print(stderr, "greedy_baseline: {}\n", grid.error().message);
+    fmt::print(stderr, "bench_greedy_baseline: {}\n", grid.error().message);
     return 1;
   }
   if (std::string_view(argv[2]) == "--report" && argc == 4) return add_to_report(grid->field(), argv[3]);

@@ -29,7 +29,7 @@ struct Dataset {
 template <class T>
 T value_or_exit(tind::Result<T> result) {
   if (result) return std::move(*result);
-  std::fprintf(stderr, "tile_bench: %s\n", result.error().message.c_str());
+  std::fprintf(stderr, "bench_tiles: %s\n", result.error().message.c_str());
   std::exit(1);
 }
 
