@@ -12,6 +12,7 @@ namespace {
 struct Sample {
   double t = 0;
   double height_m = 0;
+  double rise_m = 0;  ///< Largest height difference to the posts beside it, across the line.
 };
 
 // Samples a side of the level's own grid where there are no posts.
@@ -23,6 +24,7 @@ class RootEdgeRefiner {
   RootEdgeRefiner(const HeightField& field, const RefinementSpec& spec, const RootEdge& root,
                   const std::function<bool(int, std::int64_t)>& is_split)
       : field_(field), spec_(spec), root_(root), is_split_(is_split) {
+    find_posts_on_line();
     collect_samples();
   }
 
@@ -52,6 +54,36 @@ class RootEdgeRefiner {
                    vertices.end());
   }
 
+  // Posts that round onto the line cannot become vertices of the tiles beside it: the line itself answers for them.
+  void find_posts_on_line() {
+    const double first = root_.vertical ? field_.x0 : field_.y0, step = root_.vertical ? field_.dx : field_.dy;
+    const std::int64_t n = root_.vertical ? field_.n_cols : field_.n_rows;
+    const double width = static_cast<double>(field_.lattice.width());
+    for (const double turn : {-width, 0.0, width}) {
+      if (!root_.vertical && turn != 0.0) continue;
+      const double u = (static_cast<double>(root_.at) + turn - first) / step, nearest = std::round(u);
+      if (nearest < 0 || nearest >= static_cast<double>(n) || std::abs(u - nearest) * step > 0.5) continue;
+      across_ = static_cast<std::int64_t>(nearest);
+      off_line_ = std::abs(u - nearest);
+    }
+  }
+
+  // The sample at post row or column `k`, at t.
+  Sample make_sample(std::int64_t k, double t) const {
+    if (across_ < 0) return {t, field_.sample_m(x_of(t), y_of(t))};
+    const std::int64_t n = root_.vertical ? field_.n_cols : field_.n_rows;
+    const auto height_at = [&](std::int64_t across) {
+      return root_.vertical ? field_.height_at(k, across) : field_.height_at(across, k);
+    };
+    Sample sample{t, height_at(across_)};
+    for (std::int64_t beside : {across_ - 1, across_ + 1}) {
+      if (root_.vertical && field_.wraps) beside = (beside + n) % n;
+      if (beside < 0 || beside >= n) continue;
+      sample.rise_m = std::max(sample.rise_m, std::abs(height_at(beside) - sample.height_m));
+    }
+    return sample;
+  }
+
   // Crossings of the line with post rows or columns, in order of t.
   void collect_samples() {
     const double begin = static_cast<double>(root_.start);
@@ -68,7 +100,7 @@ class RootEdgeRefiner {
       for (std::int64_t k = low; k <= high; ++k) {
         const double t = first + static_cast<double>(k) * step + shift;
         if (!field_.covers(x_of(t), y_of(t))) continue;
-        samples_.push_back({t, field_.sample_m(x_of(t), y_of(t))});
+        samples_.push_back(make_sample(k, t));
       }
     }
     std::stable_sort(samples_.begin(), samples_.end(), [](const Sample& a, const Sample& b) { return a.t < b.t; });
@@ -122,9 +154,11 @@ class RootEdgeRefiner {
     double worst = tolerance;
     std::int64_t worst_t = 0;
     bool found = false;
-    const auto consider = [&](double t, double height_m) {
+    const auto consider = [&](double t, double height_m, double rise_m) {
+      // A post off the line sees the tile's surface, which within the tolerance climbs as steeply as its neighbours do.
+      const double off_line_m = off_line_ * (rise_m + 2 * tolerance);
       const double error = std::max(std::abs(a_m + slope * (t - a_t) - height_m),
-                                    std::abs(served_a_m + served_slope * (t - served_a) - height_m));
+                                    std::abs(served_a_m + served_slope * (t - served_a) - height_m)) + off_line_m;
       if (error <= worst) return;
       const std::int64_t rounded = std::llround(t);
       if (rounded <= a.t || rounded >= b.t) return;  // a vertex is there already
@@ -134,13 +168,13 @@ class RootEdgeRefiner {
     };
     auto sample = std::upper_bound(samples_.begin(), samples_.end(), a_t,
                                    [](double t, const Sample& s) { return t < s.t; });
-    for (; sample != samples_.end() && sample->t < b_t; ++sample) consider(sample->t, sample->height_m);
+    for (; sample != samples_.end() && sample->t < b_t; ++sample) consider(sample->t, sample->height_m, sample->rise_m);
     const double base = field_.base_height_m;
     if (std::abs(a_m - base) > tolerance || std::abs(b_m - base) > tolerance) {
       const std::int64_t step = field_.lattice.tile_side(level) / kGridCells;
       for (std::int64_t t = (a.t / step + 1) * step; t < b.t; t += step) {
         const double real_t = static_cast<double>(t);
-        if (!field_.covers(x_of(real_t), y_of(real_t))) consider(real_t, base);
+        if (!field_.covers(x_of(real_t), y_of(real_t))) consider(real_t, base, 0);
       }
     }
     if (!found) return;
@@ -155,6 +189,8 @@ class RootEdgeRefiner {
   const RootEdge root_;
   const std::function<bool(int, std::int64_t)>& is_split_;
   std::vector<Sample> samples_;
+  std::int64_t across_ = -1;  // the post row or column that rounds onto the line
+  double off_line_ = 0;       // its distance from the line, in post spacings
 };
 
 }  // namespace

@@ -369,13 +369,11 @@ class TileRefiner {
     return field_.heights_m + (w.field_row + r) * field_.n_cols + w.field_col;
   }
 
-  // Posts that may become vertices: those inside the tile whose lattice point is free. One that rounds onto the border takes
-  // the next point inside: the border cannot answer for a post that is not on it, and a cliff is steep even there.
+  // Posts that may become vertices: those that round to a free lattice point inside the tile. The border line answers for
+  // those that round onto it: a row of vertices one step inside would make slivers that nothing can hold.
   bool to_vertex(double x, double y, Candidate& candidate) const {
-    const auto s = static_cast<double>(side_);
-    if (!(x > 0 && y > 0 && x < s && y < s)) return false;
-    const std::int64_t lx = std::clamp<std::int64_t>(std::llround(x), 1, side_ - 1);
-    const std::int64_t ly = std::clamp<std::int64_t>(std::llround(y), 1, side_ - 1);
+    const std::int64_t lx = std::llround(x), ly = std::llround(y);
+    if (lx <= 0 || ly <= 0 || lx >= side_ || ly >= side_) return false;
     if (used_.contains({lx, ly})) return false;
     candidate.x = lx;
     candidate.y = ly;
