@@ -22,9 +22,7 @@ std::string default_of(const OptionSpec& option) {
   return std::to_string(defaults.*std::get<int Settings::*>(option.member));
 }
 
-CommandExit usage_error(const std::string& message) {
-  return {kUsage, "tind: " + message + " (see tind --help)\n"};
-}
+CommandExit usage_error(const std::string& message) { return {kUsage, "tind: " + message + " (see tind --help)\n"}; }
 
 Result<std::string> read_file(const std::string& path) {
   std::ifstream in(path, std::ios::binary);

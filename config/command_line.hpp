@@ -15,8 +15,8 @@ struct CommandExit {
   std::string text;  ///< Ends with a newline.
 };
 
-/// The daemon's settings: command line, over environment (TIND_*), over configuration file (--config or TIND_CONFIG), over
-/// defaults. `arguments`: without the program's name. Reads the configuration file; thread safe otherwise.
+/// The daemon's settings: command line, over environment (TIND_*), over configuration file (--config or TIND_CONFIG),
+/// over defaults. `arguments`: without the program's name. Reads the configuration file; thread safe otherwise.
 std::variant<Settings, CommandExit> read_command_line(const std::vector<std::string>& arguments,
                                                       const Environment& environment);
 

@@ -21,7 +21,8 @@ const std::array<OptionSpec, 9> kOptions = {{
     {"max_header_bytes", "N", "bytes of request line and header fields", &Settings::max_header_bytes, 1024, 1 << 20},
     {"request_timeout_s", "S", "seconds a request may take to arrive, or its answer to make progress",
      &Settings::request_timeout_s, 1, kDay_s},
-    {"idle_timeout_s", "S", "seconds a connection may stay open without a request", &Settings::idle_timeout_s, 1, kDay_s},
+    {"idle_timeout_s", "S", "seconds a connection may stay open without a request", &Settings::idle_timeout_s, 1,
+     kDay_s},
     {"drain_timeout_s", "S", "seconds that answers under way get after SIGTERM", &Settings::drain_timeout_s, 0, kDay_s},
     {"cache_mb", "MB", "memory for finished answers; 0: none", &Settings::cache_mb, 0, 1 << 20},
 }};
@@ -48,14 +49,14 @@ std::string variable_of(const OptionSpec& option) {
 Result<void> set_option(Settings& settings, const OptionSpec& option, const std::string& text,
                         const std::string& where) {
   if (const auto* member = std::get_if<std::string Settings::*>(&option.member)) {
-    settings.**member = text;
+    settings.** member = text;
     return {};
   }
   int value = 0;
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
   if (error != std::errc() || end != text.data() + text.size() || value < option.minimum || value > option.maximum) {
-    return invalid(fmt::format("{}: '{}' is not a whole number from {} to {}", where, text, option.minimum,
-                               option.maximum));
+    return invalid(
+        fmt::format("{}: '{}' is not a whole number from {} to {}", where, text, option.minimum, option.maximum));
   }
   settings.*std::get<int Settings::*>(option.member) = value;
   return {};
@@ -74,8 +75,8 @@ Result<Settings> overlay_json(Settings base, std::string_view json, const std::s
       base.datasets = value.get<std::vector<std::string>>();
       continue;
     }
-    const auto option = std::find_if(kOptions.begin(), kOptions.end(),
-                                     [&wanted = name](const auto& o) { return wanted == o.name; });
+    const auto option =
+        std::find_if(kOptions.begin(), kOptions.end(), [&wanted = name](const auto& o) { return wanted == o.name; });
     if (option == kOptions.end()) return invalid(where + " is not a setting");
     const bool wants_text = std::holds_alternative<std::string Settings::*>(option->member);
     if (wants_text != value.is_string() || (!wants_text && !value.is_number_integer())) {

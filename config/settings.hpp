@@ -15,16 +15,16 @@ namespace tind {
 
 /// Everything that can be set about the daemon. The initial values are the defaults.
 struct Settings {
-  std::vector<std::string> datasets;     ///< Paths of .tind files.
+  std::vector<std::string> datasets;      ///< Paths of .tind files.
   std::string listen = "127.0.0.1:8080";  ///< HOST:PORT; an IPv6 host in brackets; port 0 takes a free one.
-  int threads = 0;                       ///< Worker threads; 0: one per core.
-  std::string cesium;                    ///< Directory with CesiumJS (npm's cesium/Build/Cesium); empty: none.
-  int max_connections = 10000;           ///< Open connections; further ones are answered 503.
-  int max_header_bytes = 16384;          ///< Request line and header fields together.
-  int request_timeout_s = 10;            ///< From a request's first byte to its last; also for a stalled answer.
-  int idle_timeout_s = 60;               ///< An open connection without a request.
-  int drain_timeout_s = 10;              ///< After SIGTERM: the most that answers under way may take.
-  int cache_mb = 64;                     ///< Memory for finished answers; 0: none.
+  int threads = 0;                        ///< Worker threads; 0: one per core.
+  std::string cesium;                     ///< Directory with CesiumJS (npm's cesium/Build/Cesium); empty: none.
+  int max_connections = 10000;            ///< Open connections; further ones are answered 503.
+  int max_header_bytes = 16384;           ///< Request line and header fields together.
+  int request_timeout_s = 10;             ///< From a request's first byte to its last; also for a stalled answer.
+  int idle_timeout_s = 60;                ///< An open connection without a request.
+  int drain_timeout_s = 10;               ///< After SIGTERM: the most that answers under way may take.
+  int cache_mb = 64;                      ///< Memory for finished answers; 0: none.
 
   friend bool operator==(const Settings&, const Settings&) = default;
 };
@@ -32,7 +32,7 @@ struct Settings {
 /// One setting besides the datasets. The table below is the only place that names settings: command line, environment,
 /// configuration file, --help and the tests of schema, example and manual are made from it.
 struct OptionSpec {
-  const char* name;        ///< As in the configuration file, e.g. "idle_timeout_s"; --idle-timeout-s; TIND_IDLE_TIMEOUT_S.
+  const char* name;  ///< As in the configuration file, e.g. "idle_timeout_s"; --idle-timeout-s; TIND_IDLE_TIMEOUT_S.
   const char* value_name;  ///< For --help.
   const char* help;        ///< One line.
   std::variant<std::string Settings::*, int Settings::*> member;
@@ -46,9 +46,11 @@ std::string flag_of(const OptionSpec& option);
 std::string variable_of(const OptionSpec& option);
 
 /// Sets one option from text. kInvalidInput, naming `where`, when the text is no value of it.
-Result<void> set_option(Settings& settings, const OptionSpec& option, const std::string& text, const std::string& where);
+Result<void> set_option(Settings& settings, const OptionSpec& option, const std::string& text,
+                        const std::string& where);
 
-/// Overlays a configuration file's JSON (config/settings.schema.json). kInvalidInput on anything unknown or out of range.
+/// Overlays a configuration file's JSON (config/settings.schema.json). kInvalidInput on anything unknown or out of
+/// range.
 Result<Settings> overlay_json(Settings base, std::string_view json, const std::string& file_name);
 
 /// Looks up an environment variable; nullopt when it is not set.

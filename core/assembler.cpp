@@ -39,10 +39,9 @@ Result<VirtualNode> assemble(const Lattice& lattice, const TileKey& key, TilePie
   const std::size_t n_vertices = n_ring + body.interior.size();
   node.vertices.reserve(n_vertices);
 
-  const std::array<LocalVertex, 4> corner_at = {LocalVertex{0, 0, pieces.corners[0].z},
-                                                LocalVertex{side, 0, pieces.corners[1].z},
-                                                LocalVertex{side, side, pieces.corners[2].z},
-                                                LocalVertex{0, side, pieces.corners[3].z}};
+  const std::array<LocalVertex, 4> corner_at = {
+      LocalVertex{0, 0, pieces.corners[0].z}, LocalVertex{side, 0, pieces.corners[1].z},
+      LocalVertex{side, side, pieces.corners[2].z}, LocalVertex{0, side, pieces.corners[3].z}};
   for (std::size_t b = 0; b < 4; ++b) {
     const EdgeChain& edge = pieces.edges[b];
     const bool reversed = b >= 2;  // stored W->E and S->N, the ring runs E->W in the north and N->S in the west
@@ -61,7 +60,8 @@ Result<VirtualNode> assemble(const Lattice& lattice, const TileKey& key, TilePie
     entries.push_back(reversed ? edge.start_entry : edge.end_entry);
   }
   for (const LocalVertex& v : body.interior) {
-    if (v.x <= 0 || v.y <= 0 || v.x >= side || v.y >= side) return misfit(key, "an interior vertex lies outside the tile");
+    if (v.x <= 0 || v.y <= 0 || v.x >= side || v.y >= side)
+      return misfit(key, "an interior vertex lies outside the tile");
     node.vertices.push_back(v);
   }
   for (const Triangle& t : body.triangles) {

@@ -50,8 +50,9 @@ class RootEdgeRefiner {
 
   static void sort_unique(std::vector<LineVertex>& vertices) {
     std::stable_sort(vertices.begin(), vertices.end(), [](const auto& a, const auto& b) { return a.t < b.t; });
-    vertices.erase(std::unique(vertices.begin(), vertices.end(), [](const auto& a, const auto& b) { return a.t == b.t; }),
-                   vertices.end());
+    vertices.erase(
+        std::unique(vertices.begin(), vertices.end(), [](const auto& a, const auto& b) { return a.t == b.t; }),
+        vertices.end());
   }
 
   // Posts that round onto the line cannot become vertices of the tiles beside it: the line itself answers for them.
@@ -96,7 +97,8 @@ class RootEdgeRefiner {
     for (const double shift : shifts) {
       if (root_.vertical && shift != 0.0) continue;
       const auto low = std::max<std::int64_t>(0, static_cast<std::int64_t>(std::ceil((begin - first - shift) / step)));
-      const auto high = std::min<std::int64_t>(n - 1, static_cast<std::int64_t>(std::floor((end - first - shift) / step)));
+      const auto high =
+          std::min<std::int64_t>(n - 1, static_cast<std::int64_t>(std::floor((end - first - shift) / step)));
       for (std::int64_t k = low; k <= high; ++k) {
         const double t = first + static_cast<double>(k) * step + shift;
         if (!field_.covers(x_of(t), y_of(t))) continue;
@@ -141,7 +143,8 @@ class RootEdgeRefiner {
     const double a_t = static_cast<double>(a.t), b_t = static_cast<double>(b.t);
     const double a_m = field_.lattice.height_m(a.z), b_m = field_.lattice.height_m(b.z);
     const double slope = (b_m - a_m) / (b_t - a_t);
-    // Quantized-mesh rounds positions to 1/32767 of the side and heights to the level's step: samples are held to the tolerance against that line, too.
+    // Quantized-mesh rounds positions to 1/32767 of the side and heights to the level's step: samples are held to the
+    // tolerance against that line, too.
     const double served_step = static_cast<double>(field_.lattice.tile_side(level)) / kServedSteps;
     const auto served = [&](const LineVertex& v) {
       const std::int64_t corner = v.t / field_.lattice.tile_side(level) * field_.lattice.tile_side(level);
@@ -158,7 +161,8 @@ class RootEdgeRefiner {
       // A post off the line sees the tile's surface, which within the tolerance climbs as steeply as its neighbours do.
       const double off_line_m = off_line_ * (rise_m + 2 * tolerance);
       const double error = std::max(std::abs(a_m + slope * (t - a_t) - height_m),
-                                    std::abs(served_a_m + served_slope * (t - served_a) - height_m)) + off_line_m;
+                                    std::abs(served_a_m + served_slope * (t - served_a) - height_m)) +
+                           off_line_m;
       if (error <= worst) return;
       const std::int64_t rounded = std::llround(t);
       if (rounded <= a.t || rounded >= b.t) return;  // a vertex is there already
@@ -166,8 +170,8 @@ class RootEdgeRefiner {
       worst_t = rounded;
       found = true;
     };
-    auto sample = std::upper_bound(samples_.begin(), samples_.end(), a_t,
-                                   [](double t, const Sample& s) { return t < s.t; });
+    auto sample =
+        std::upper_bound(samples_.begin(), samples_.end(), a_t, [](double t, const Sample& s) { return t < s.t; });
     for (; sample != samples_.end() && sample->t < b_t; ++sample) consider(sample->t, sample->height_m, sample->rise_m);
     const double base = field_.base_height_m;
     if (std::abs(a_m - base) > tolerance || std::abs(b_m - base) > tolerance) {
@@ -202,9 +206,10 @@ std::vector<LineVertex> refine_root_edge(const HeightField& field, const Refinem
 }
 
 std::span<const LineVertex> line_between(std::span<const LineVertex> line, std::int64_t start, std::int64_t end) {
-  const auto first = std::lower_bound(line.begin(), line.end(), start,
-                                      [](const LineVertex& v, std::int64_t t) { return v.t < t; });
-  const auto last = std::upper_bound(first, line.end(), end, [](std::int64_t t, const LineVertex& v) { return t < v.t; });
+  const auto first =
+      std::lower_bound(line.begin(), line.end(), start, [](const LineVertex& v, std::int64_t t) { return v.t < t; });
+  const auto last =
+      std::upper_bound(first, line.end(), end, [](std::int64_t t, const LineVertex& v) { return t < v.t; });
   return {first, last};
 }
 

@@ -23,27 +23,28 @@ struct LineVertex {
 /// A stretch of a border line as long as one tile side of the level at which the line is first used. All finer edges on
 /// this stretch are cut out of it.
 struct RootEdge {
-  bool vertical = false;  ///< A meridian (t runs north) or a parallel (t runs east).
-  int level = 0;          ///< l0: the level at which the line is first a tile side.
-  std::int64_t at = 0;    ///< The line's own lattice coordinate: X of a meridian, Y of a parallel.
-  std::int64_t start = 0; ///< t of the first corner; the stretch ends one tile side of `level` later.
+  bool vertical = false;   ///< A meridian (t runs north) or a parallel (t runs east).
+  int level = 0;           ///< l0: the level at which the line is first a tile side.
+  std::int64_t at = 0;     ///< The line's own lattice coordinate: X of a meridian, Y of a parallel.
+  std::int64_t start = 0;  ///< t of the first corner; the stretch ends one tile side of `level` later.
 };
 
 /// What refinement works to, index = level.
 struct RefinementSpec {
-  std::vector<double> tolerance_m;  ///< Refinement tolerance: E_L less the margins that keep the promise after rounding.
-  std::vector<int> seed_segments;   ///< Seeds a tile side, a power of two.
+  std::vector<double>
+      tolerance_m;                 ///< Refinement tolerance: E_L less the margins that keep the promise after rounding.
+  std::vector<int> seed_segments;  ///< Seeds a tile side, a power of two.
   std::vector<double> height_step_m;  ///< Quantized-mesh rounds border heights to multiples of this power of two.
 
   int bottom_level() const { return static_cast<int>(tolerance_m.size()) - 1; }
 };
 
-/// Nested one-dimensional greedy refinement (DESIGN "Seams"): the polylines P_L of one stretch for every level from its own
-/// down to the deepest stored, P_L a subset of P_{L+1}, each within the tolerance of every border sample. Border samples
-/// are the crossings with post rows (meridian) or columns (parallel), and the level's own grid where the base height is.
-/// `pins`: lattice coordinates on the line where the parent tile has vertices.
-/// `is_split(level, start)`: whether a tile beside the edge of `level` that starts at `start` has stored children.
-/// Returns all vertices, ascending in t, both ends included. Pure; thread safe.
+/// Nested one-dimensional greedy refinement (DESIGN "Seams"): the polylines P_L of one stretch for every level from its
+/// own down to the deepest stored, P_L a subset of P_{L+1}, each within the tolerance of every border sample. Border
+/// samples are the crossings with post rows (meridian) or columns (parallel), and the level's own grid where the base
+/// height is. `pins`: lattice coordinates on the line where the parent tile has vertices. `is_split(level, start)`:
+/// whether a tile beside the edge of `level` that starts at `start` has stored children. Returns all vertices,
+/// ascending in t, both ends included. Pure; thread safe.
 std::vector<LineVertex> refine_root_edge(const HeightField& field, const RefinementSpec& spec, const RootEdge& root,
                                          std::span<const std::int64_t> pins,
                                          const std::function<bool(int level, std::int64_t start)>& is_split);

@@ -15,8 +15,8 @@ enum class PostOrigin : std::uint8_t {
   kFalloff = 3,  ///< Outside the data: on its way from the nearest values down to the base height.
 };
 
-/// ONE height field for all levels: a regular grid of posts (source posts, filled voids and a rim of falloff) and the base
-/// height everywhere else. A value with pointers to arrays it does not own; const access is thread safe.
+/// ONE height field for all levels: a regular grid of posts (source posts, filled voids and a rim of falloff) and the
+/// base height everywhere else. A value with pointers to arrays it does not own; const access is thread safe.
 ///
 /// Grid: n_rows x n_cols posts, row-major, row 0 the SOUTHERNMOST, column 0 the WESTERNMOST. Post (r, c) lies at
 /// lattice X = x0 + c * dx, Y = y0 + r * dy (real numbers: posts are not rounded here). X may run past the lattice's
@@ -25,27 +25,27 @@ struct HeightField {
   Lattice lattice;
   std::int64_t n_rows = 0;
   std::int64_t n_cols = 0;
-  double x0 = 0, y0 = 0;         ///< Lattice position of post (0, 0); 0 <= x0 < lattice.width().
-  double dx = 0, dy = 0;         ///< Lattice steps between posts; both > 0.
-  bool wraps = false;            ///< The columns close around the globe: n_cols * dx == lattice.width().
-  /// The last row is within one spacing of the south pole (or on it): from it heights run linearly to the pole's one height.
+  double x0 = 0, y0 = 0;  ///< Lattice position of post (0, 0); 0 <= x0 < lattice.width().
+  double dx = 0, dy = 0;  ///< Lattice steps between posts; both > 0.
+  bool wraps = false;     ///< The columns close around the globe: n_cols * dx == lattice.width().
+  /// The last row is within one spacing of the south pole (or on it): from it heights run linearly to the pole's one
+  /// height.
   bool continues_south = false;
   bool continues_north = false;  ///< Same at the north pole.
   double south_pole_m = 0;       ///< Height of the pole itself when continues_south.
   double north_pole_m = 0;
   double base_height_m = 0;
-  double disagreement_m = 0;     ///< Largest |source post - its height here| where overlapping sources disagree.
-  const float* heights_m = nullptr;       ///< n_rows * n_cols
-  const PostOrigin* origins = nullptr;    ///< n_rows * n_cols
+  double disagreement_m = 0;            ///< Largest |source post - its height here| where overlapping sources disagree.
+  const float* heights_m = nullptr;     ///< n_rows * n_cols
+  const PostOrigin* origins = nullptr;  ///< n_rows * n_cols
 
   double post_x(std::int64_t c) const { return x0 + static_cast<double>(c) * dx; }
   double post_y(std::int64_t r) const { return y0 + static_cast<double>(r) * dy; }
-  double height_at(std::int64_t r, std::int64_t c) const {
-    return static_cast<double>(heights_m[r * n_cols + c]);
-  }
+  double height_at(std::int64_t r, std::int64_t c) const { return static_cast<double>(heights_m[r * n_cols + c]); }
   PostOrigin origin_at(std::int64_t r, std::int64_t c) const { return origins[r * n_cols + c]; }
 
-  /// True iff (x, y) lies between posts (or between the last row and its pole): where this is false the height is the base.
+  /// True iff (x, y) lies between posts (or between the last row and its pole): where this is false the height is the
+  /// base.
   bool covers(double x, double y) const {
     if (y < (continues_south ? 0.0 : y0)) return false;
     if (y > (continues_north ? static_cast<double>(lattice.height()) : post_y(n_rows - 1))) return false;
@@ -54,11 +54,12 @@ struct HeightField {
     const double last = post_x(n_cols - 1);
     return (x >= x0 && x <= last) || (x + width >= x0 && x + width <= last) || (x - width >= x0 && x - width <= last);
   }
-  /// Height in metres at any real lattice position, x modulo the lattice's width: bilinear between posts, on to the pole
-  /// where the grid continues there, the base height outside.
+  /// Height in metres at any real lattice position, x modulo the lattice's width: bilinear between posts, on to the
+  /// pole where the grid continues there, the base height outside.
   double sample_m(double x, double y) const;
-  /// THE height of lattice point (x, y) in height units, the same for every level, tile and line that has a vertex there.
-  /// A point that a post rounds to has the post's own height, a point that rounds onto a post row or column is sampled on it.
+  /// THE height of lattice point (x, y) in height units, the same for every level, tile and line that has a vertex
+  /// there. A point that a post rounds to has the post's own height, a point that rounds onto a post row or column is
+  /// sampled on it.
   std::int32_t lattice_height(std::int64_t x, std::int64_t y) const;
 };
 

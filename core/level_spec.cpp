@@ -13,9 +13,10 @@
 namespace tind {
 namespace {
 
-// A spacing like 1/1200 degree read from a file is off by rounding: it must not fall on the other side of a power of two.
+// A spacing like 1/1200 degree read from a file is off by rounding: it must not fall on the other side of a power of
+// two.
 constexpr double kSpacingSlack = 1e-9;
-constexpr double kToleranceRule = 0.8;          // 4/5 of the spacing
+constexpr double kToleranceRule = 0.8;            // 4/5 of the spacing
 constexpr double kHeightStepsPerTolerance = 256;  // zq <= E_bottom / 256
 constexpr int kMaxHeightExponent = 16;
 

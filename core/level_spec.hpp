@@ -8,7 +8,8 @@
 
 namespace tind {
 
-/// How the bottom level follows from the source's spacing (Zheng et al. 2016, 2.1, with the inequality of eq. 2 turned round).
+/// How the bottom level follows from the source's spacing (Zheng et al. 2016, 2.1, with the inequality of eq. 2 turned
+/// round).
 enum class LevelMode {
   kNonStandard,  ///< L_bottom = n + 1, its spacing the source's own (the paper's Table 1).
   kStandard,     ///< L_bottom the nearer of n and n + 1, its spacing D_top / 2^L_bottom.
@@ -17,10 +18,10 @@ enum class LevelMode {
 /// What shapes the level table.
 struct LevelOptions {
   LevelMode mode = LevelMode::kNonStandard;
-  double metres_per_degree = 0;          ///< Turns the spacing into metres; > 0.
-  std::optional<int> max_level;          ///< Stop at this level; E keeps the value it would have had there.
-  std::optional<double> tolerance_m;     ///< E of the bottom level instead of the 4/5 rule.
-  std::optional<double> finest_m;        ///< Go on below L_bottom, halving E, until E <= this.
+  double metres_per_degree = 0;       ///< Turns the spacing into metres; > 0.
+  std::optional<int> max_level;       ///< Stop at this level; E keeps the value it would have had there.
+  std::optional<double> tolerance_m;  ///< E of the bottom level instead of the 4/5 rule.
+  std::optional<double> finest_m;     ///< Go on below L_bottom, halving E, until E <= this.
 };
 
 /// One level's spacing and vertical tolerance.
@@ -42,12 +43,12 @@ struct LevelTable {
 /// Spacing of level 0 in degrees: 360 / (nRootCountX * 256) (paper, eq. 1).
 double top_spacing_deg();
 
-/// The n of eq. 2: D_top / 2^(n+1) < spacing <= D_top / 2^n. Precondition: spacing_deg > 0. May be negative for spacings
-/// coarser than D_top.
+/// The n of eq. 2: D_top / 2^(n+1) < spacing <= D_top / 2^n. Precondition: spacing_deg > 0. May be negative for
+/// spacings coarser than D_top.
 int level_of_spacing(double spacing_deg);
 
-/// Levels for a source with the given spacing between posts. kInvalidInput when the options contradict each other or ask for more than
-/// kMaxLevel levels.
+/// Levels for a source with the given spacing between posts. kInvalidInput when the options contradict each other or
+/// ask for more than kMaxLevel levels.
 Result<LevelTable> make_level_table(double lon_spacing_deg, double lat_spacing_deg, const LevelOptions& options);
 
 /// Segments a side of the dyadic lattice of seeds at `level` (DESIGN "Seams": 16, 8, 8, 4, 4, 2, 2, then 1; more where

@@ -31,8 +31,9 @@ using Kernel = CGAL::Exact_predicates_inexact_constructions_kernel;
 using VertexBase = CGAL::Triangulation_vertex_base_with_info_2<VertexInfo, Kernel>;
 using FaceBase =
     CGAL::Constrained_triangulation_face_base_2<Kernel, CGAL::Triangulation_face_base_with_info_2<FaceInfo, Kernel>>;
-using Cdt = CGAL::Constrained_Delaunay_triangulation_2<Kernel, CGAL::Triangulation_data_structure_2<VertexBase, FaceBase>,
-                                                       CGAL::No_constraint_intersection_tag>;
+using Cdt =
+    CGAL::Constrained_Delaunay_triangulation_2<Kernel, CGAL::Triangulation_data_structure_2<VertexBase, FaceBase>,
+                                               CGAL::No_constraint_intersection_tag>;
 using Vertex = Cdt::Vertex_handle;
 using Face = Cdt::Face_handle;
 
@@ -46,7 +47,8 @@ constexpr double kServedSteps = 32767;
 struct PostWindow {
   double x0 = 0, y0 = 0, dx = 1, dy = 1;  // position of post (0, 0) of the window and spacing
   std::int64_t n_cols = 0, n_rows = 0;
-  std::int64_t field_col = 0, field_row = 0;  // of the window's post (0, 0); field_col < 0: the level's grid at base height
+  std::int64_t field_col = 0,
+               field_row = 0;  // of the window's post (0, 0); field_col < 0: the level's grid at base height
 
   bool is_grid() const { return field_col < 0; }
   double x(std::int64_t c) const { return x0 + static_cast<double>(c) * dx; }
@@ -82,17 +84,20 @@ struct Plane {
 // What tessellation to finer borders may do to a face.
 struct Guard {
   enum class Kind { kPlane, kFan } kind = Kind::kPlane;
-  int border = 0;                           // kFan: the border of the one border edge
-  double apex_along = 0, apex_across = 0;   // kFan: apex, along the border and its distance from it
+  int border = 0;                          // kFan: the border of the one border edge
+  double apex_along = 0, apex_across = 0;  // kFan: apex, along the border and its distance from it
   double apex_m = 0;
-  double extra_m = 0;                       // corner triangle: added to the error of every post
+  double extra_m = 0;  // corner triangle: added to the error of every post
 };
 
 class TileRefiner {
  public:
   TileRefiner(const HeightField& field, const TileTask& task)
-      : field_(field), task_(task), side_(field.lattice.tile_side(task.key.level)),
-        west_(side_ * task.key.x), south_(side_ * task.key.y) {}
+      : field_(field),
+        task_(task),
+        side_(field.lattice.tile_side(task.key.level)),
+        west_(side_ * task.key.x),
+        south_(side_ * task.key.y) {}
 
   TileSurface run() {
     make_windows();
@@ -151,7 +156,8 @@ class TileRefiner {
     windows_.push_back(grid);
   }
 
-  // Bound of the step that quantized-mesh rounds the tile's inner heights to: its range over 32767, up to a power of two.
+  // Bound of the step that quantized-mesh rounds the tile's inner heights to: its range over 32767, up to a power of
+  // two.
   double served_height_step() const {
     double low = std::numeric_limits<double>::infinity(), high = -low;
     for (const PostWindow& w : windows_) {
@@ -214,8 +220,8 @@ class TileRefiner {
   }
 
   static bool morton_before(const LocalVertex& a, const LocalVertex& b) {
-    return morton_less(static_cast<std::uint64_t>(a.x), static_cast<std::uint64_t>(a.y), static_cast<std::uint64_t>(b.x),
-                       static_cast<std::uint64_t>(b.y));
+    return morton_less(static_cast<std::uint64_t>(a.x), static_cast<std::uint64_t>(a.y),
+                       static_cast<std::uint64_t>(b.x), static_cast<std::uint64_t>(b.y));
   }
 
   void refine() {
@@ -250,7 +256,8 @@ class TileRefiner {
             (cz * static_cast<double>(bx) - bz * static_cast<double>(cx)) / area};
   }
 
-  // The same plane after quantized-mesh has rounded positions and border heights; the plane itself where that leaves no area.
+  // The same plane after quantized-mesh has rounded positions and border heights; the plane itself where that leaves no
+  // area.
   Plane served_plane_of(Face f, const Plane& plane) const {
     const double step = static_cast<double>(side_) / kServedSteps;
     std::array<double, 3> x{}, y{}, z{};
@@ -291,8 +298,8 @@ class TileRefiner {
       const bool along_x = border % 2 == 0;
       const double low = static_cast<double>(along_x ? std::min(a.x, b.x) : std::min(a.y, b.y));
       const double high = static_cast<double>(along_x ? std::max(a.x, b.x) : std::max(a.y, b.y));
-      auto knot = std::upper_bound(knots.begin(), knots.end(), low,
-                                   [](double t, const EnvelopeKnot& k) { return t < k.t; });
+      auto knot =
+          std::upper_bound(knots.begin(), knots.end(), low, [](double t, const EnvelopeKnot& k) { return t < k.t; });
       for (; knot != knots.end() && knot->t < high; ++knot) {
         finer_m = std::max({finer_m, knot->high_m - knot->own_m, knot->own_m - knot->low_m});
       }
@@ -322,7 +329,8 @@ class TileRefiner {
     if (lambda >= 1) return std::abs(guard.apex_m - height);
     const double t = (along - lambda * guard.apex_along) / (1 - lambda);
     const auto& knots = task_.envelopes[static_cast<std::size_t>(guard.border)];
-    auto after = std::upper_bound(knots.begin(), knots.end(), t, [](double v, const EnvelopeKnot& k) { return v < k.t; });
+    auto after =
+        std::upper_bound(knots.begin(), knots.end(), t, [](double v, const EnvelopeKnot& k) { return v < k.t; });
     if (after == knots.begin()) ++after;
     if (after == knots.end()) --after;
     const EnvelopeKnot &a = *(after - 1), &b = *after;
@@ -332,8 +340,8 @@ class TileRefiner {
     return std::max(std::abs(apex + (1 - lambda) * high - height), std::abs(apex + (1 - lambda) * low - height));
   }
 
-  // Calls row(r, c_first, c_last) for the posts of a window in a triangle, borders included: posts outside by a rounding are
-  // scanned with it, so that none falls between two.
+  // Calls row(r, c_first, c_last) for the posts of a window in a triangle, borders included: posts outside by a
+  // rounding are scanned with it, so that none falls between two.
   template <class Row>
   void for_rows(Face f, const PostWindow& w, Row row) const {
     std::array<const VertexInfo*, 3> v = {&f->vertex(0)->info(), &f->vertex(1)->info(), &f->vertex(2)->info()};
@@ -369,8 +377,8 @@ class TileRefiner {
     return field_.heights_m + (w.field_row + r) * field_.n_cols + w.field_col;
   }
 
-  // Posts that may become vertices: those that round to a free lattice point inside the tile. The border line answers for
-  // those that round onto it: a row of vertices one step inside would make slivers that nothing can hold.
+  // Posts that may become vertices: those that round to a free lattice point inside the tile. The border line answers
+  // for those that round onto it: a row of vertices one step inside would make slivers that nothing can hold.
   bool to_vertex(double x, double y, Candidate& candidate) const {
     const std::int64_t lx = std::llround(x), ly = std::llround(y);
     if (lx <= 0 || ly <= 0 || lx >= side_ || ly >= side_) return false;
@@ -423,9 +431,8 @@ class TileRefiner {
         const double z_served = served.at(w.x(c_first), y), served_step = served.slope_x * w.dx;
         for (std::int64_t c = c_first; c <= c_last; ++c) {
           const auto along = static_cast<double>(c - c_first), height = static_cast<double>(heights[c]);
-          const double error =
-              std::max(std::abs(z + z_step * along - height) + guard.extra_m,
-                       std::abs(z_served + served_step * along - height) + served_rounding_m_);
+          const double error = std::max(std::abs(z + z_step * along - height) + guard.extra_m,
+                                        std::abs(z_served + served_step * along - height) + served_rounding_m_);
           if (error > best.error) consider(error, w.x(c), y);
         }
       });
@@ -436,9 +443,10 @@ class TileRefiner {
     heap_.push(best);
   }
 
-  double post_error(const Plane& plane, const Plane& served, const Guard& guard, double x, double y, double height) const {
-    const double own =
-        guard.kind == Guard::Kind::kFan ? fan_error(guard, x, y, height) : std::abs(plane.at(x, y) - height) + guard.extra_m;
+  double post_error(const Plane& plane, const Plane& served, const Guard& guard, double x, double y,
+                    double height) const {
+    const double own = guard.kind == Guard::Kind::kFan ? fan_error(guard, x, y, height)
+                                                       : std::abs(plane.at(x, y) - height) + guard.extra_m;
     return std::max(own, std::abs(served.at(x, y) - height) + served_rounding_m_);
   }
 

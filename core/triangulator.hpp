@@ -16,8 +16,8 @@ struct TileTask {
   TileKey key;
   double tolerance_m = 0;    ///< Refinement tolerance of the level.
   double height_step_m = 1;  ///< Quantized-mesh rounds border heights of the level to multiples of this power of two.
-  /// Border vertices of the level in ring direction, local coordinates; border b starts with its corner C_b and ends before the
-  /// next corner.
+  /// Border vertices of the level in ring direction, local coordinates; border b starts with its corner C_b and ends
+  /// before the next corner.
   std::array<std::vector<LocalVertex>, 4> borders;
   /// Envelope per border, ascending in t; t in local lattice steps along the border's axis (east or north).
   std::array<std::vector<EnvelopeKnot>, 4> envelopes;
@@ -33,10 +33,11 @@ struct TileSurface {
   std::uint64_t n_inserted = 0;       ///< Vertices that greedy insertion added.
 };
 
-/// Constrained Delaunay triangulation of the border ring and the initial vertices, then greedy insertion of the worst post until every
-/// post of the tile is within the tolerance, also when virtual triangles are tessellated to any finer border (the guard
-/// of DESIGN "Seams"), and when positions and heights are rounded as quantized-mesh rounds them. Posts outside the grid are the level's own 256 x 256 grid at the base height.
-/// The one door to CGAL. Pure: the same task gives the same bytes; thread safe.
+/// Constrained Delaunay triangulation of the border ring and the initial vertices, then greedy insertion of the worst
+/// post until every post of the tile is within the tolerance, also when virtual triangles are tessellated to any finer
+/// border (the guard of DESIGN "Seams"), and when positions and heights are rounded as quantized-mesh rounds them.
+/// Posts outside the grid are the level's own 256 x 256 grid at the base height. The one door to CGAL. Pure: the same
+/// task gives the same bytes; thread safe.
 TileSurface triangulate(const HeightField& field, const TileTask& task);
 
 }  // namespace tind

@@ -49,8 +49,8 @@ enum class TileCoverage : std::uint8_t {
 };
 
 /// A triangle with one or two edges on the tile's border, and the crack-tessellation code of the paper.
-/// `border` 0..3 (south, east, north, west) and `interval` name the border edge in ring direction: interval k of border b
-/// runs from the k-th to the (k+1)-th vertex of that border, its start corner counting as 0. With n_edges == 2 the
+/// `border` 0..3 (south, east, north, west) and `interval` name the border edge in ring direction: interval k of border
+/// b runs from the k-th to the (k+1)-th vertex of that border, its start corner counting as 0. With n_edges == 2 the
 /// triangle holds the corner C_border: its edges are the last interval of border (b+3)%4 and interval 0 of `border`.
 /// `runs`: r_1..r_G for each border edge in ring order (size n_edges * G); r_g counts the vertices strictly inside the
 /// interval that entered the border line at a level in (L, L+g].

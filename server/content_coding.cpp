@@ -20,7 +20,8 @@ constexpr int kMemoryLevel = 8;
 Bytes gzip(const Bytes& bytes) {
   z_stream stream{};
   if (bytes.size() > std::numeric_limits<uInt>::max() / 2) return {};
-  if (deflateInit2(&stream, kGzipLevel, Z_DEFLATED, kGzipWindowBits, kMemoryLevel, Z_DEFAULT_STRATEGY) != Z_OK) return {};
+  if (deflateInit2(&stream, kGzipLevel, Z_DEFLATED, kGzipWindowBits, kMemoryLevel, Z_DEFAULT_STRATEGY) != Z_OK)
+    return {};
   Bytes out(deflateBound(&stream, static_cast<uLong>(bytes.size())));
   stream.next_in = const_cast<Bytef*>(bytes.data());
   stream.avail_in = static_cast<uInt>(bytes.size());

@@ -42,21 +42,36 @@ Bytes to_bytes(std::string_view text) { return Bytes(text.begin(), text.end()); 
 
 const char* reason_phrase(int status) {
   switch (status) {
-    case 200: return "OK";
-    case 204: return "No Content";
-    case 304: return "Not Modified";
-    case 308: return "Permanent Redirect";
-    case 400: return "Bad Request";
-    case 404: return "Not Found";
-    case 405: return "Method Not Allowed";
-    case 408: return "Request Timeout";
-    case 414: return "URI Too Long";
-    case 431: return "Request Header Fields Too Large";
-    case 500: return "Internal Server Error";
-    case 501: return "Not Implemented";
-    case 503: return "Service Unavailable";
-    case 505: return "HTTP Version Not Supported";
-    default: return "";
+    case 200:
+      return "OK";
+    case 204:
+      return "No Content";
+    case 304:
+      return "Not Modified";
+    case 308:
+      return "Permanent Redirect";
+    case 400:
+      return "Bad Request";
+    case 404:
+      return "Not Found";
+    case 405:
+      return "Method Not Allowed";
+    case 408:
+      return "Request Timeout";
+    case 414:
+      return "URI Too Long";
+    case 431:
+      return "Request Header Fields Too Large";
+    case 500:
+      return "Internal Server Error";
+    case 501:
+      return "Not Implemented";
+    case 503:
+      return "Service Unavailable";
+    case 505:
+      return "HTTP Version Not Supported";
+    default:
+      return "";
   }
 }
 
@@ -87,8 +102,10 @@ struct Handler::Context {
     return '"' + etag_base + suffix + '"';
   }
   std::string fields() const {
-    std::string out = fmt::format("ETag: {}\r\nCache-Control: {}\r\nAccess-Control-Allow-Origin: *\r\n"
-                                  "Access-Control-Expose-Headers: ETag\r\n", etag(), cache_control);
+    std::string out = fmt::format(
+        "ETag: {}\r\nCache-Control: {}\r\nAccess-Control-Allow-Origin: *\r\n"
+        "Access-Control-Expose-Headers: ETag\r\n",
+        etag(), cache_control);
     if (vary[0] != '\0') out += fmt::format("Vary: {}\r\n", vary);
     return out;
   }
@@ -171,15 +188,15 @@ Response Handler::tile(Context& context, const Dataset& dataset, const TileKey& 
   bool normals = false;
   if (terrain) {
     const auto extensions = query_value(context.target.query, "extensions");
-    normals = wants_normals(context.request.accept, extensions ? std::optional<std::string_view>(*extensions)
-                                                               : std::nullopt);
+    normals =
+        wants_normals(context.request.accept, extensions ? std::optional<std::string_view>(*extensions) : std::nullopt);
     context.vary = "Accept, Accept-Encoding";
   }
   context.content_type = terrain ? "application/vnd.quantized-mesh" : "application/vnd.tind.vn";
   context.etag_base = dataset.version + (terrain ? normals ? "-qn" : "-q" : "-vn");
   context.set_version(dataset);
-  const std::string cache_key = fmt::format("{}|{}/{}/{}|{}", dataset.name, key.level, key.x, key.y,
-                                            terrain ? normals ? "qn" : "q" : "vn");
+  const std::string cache_key =
+      fmt::format("{}|{}/{}/{}|{}", dataset.name, key.level, key.x, key.y, terrain ? normals ? "qn" : "q" : "vn");
   return coded(context, cache_key, [&]() -> Result<Bytes> {
     auto node = load_tile(dataset, *snapshot, key);
     if (!node) return tl::unexpected(node.error());
@@ -293,44 +310,44 @@ Response Handler::answer(Context& context) {
   // Copied: the context is written to while it is visited.
   const Route route = context.target.route;
   return std::visit(
-      Overloaded{
-          [&](const IndexRoute&) { return document(context, site_.index); },
-          [&](const DatasetsRoute&) { return document(context, site_.list); },
-          [&](const ScriptRoute&) { return document(context, site_.script); },
-          [&](const StyleRoute&) { return document(context, site_.style); },
-          [&](const HealthRoute&) { return text_response(kOk, "ok", "Cache-Control: no-store\r\n"); },
-          [&](const ReadyRoute&) {
-            return draining_ ? text_response(kUnavailable, "stopping", "Cache-Control: no-store\r\n")
-                             : text_response(kOk, "ready", "Cache-Control: no-store\r\n");
-          },
-          [&](const CesiumRoute& r) { return cesium(context, r.path); },
-          [&](const DirectoryRoute& r) {
-            return with_dataset(r.name, [&](const Dataset&) {
-              // Relative, for the sake of proxies that serve us below another path.
-              return text_response(kMovedPermanently, "moved",
-                                   fmt::format("Location: {}/\r\n", percent_encode(r.name)));
-            });
-          },
-          [&](const DocumentRoute& r) {
-            return with_dataset(r.name, [&](const Dataset& dataset) {
-              const auto index = static_cast<std::size_t>(&dataset - site_.datasets.data());
-              return document(context, r.document == DatasetDocument::kGlobe  ? site_.globe
-                                       : r.document == DatasetDocument::kMeta ? site_.meta[index]
-                                                                              : site_.layer[index]);
-            });
-          },
-          [&](const TileRoute& r) {
-            return with_dataset(r.name, [&](const Dataset& dataset) {
-              return r.format == TileFormat::kParts ? parts(context, dataset, r.key)
-                                                    : tile(context, dataset, r.key, r.format == TileFormat::kTerrain);
-            });
-          },
-          [&](const PieceRoute& r) {
-            return with_dataset(r.name, [&](const Dataset& dataset) { return piece(context, dataset, r.key); });
-          },
-          [&](const CodesRoute& r) {
-            return with_dataset(r.name, [&](const Dataset& dataset) { return codes(context, dataset, r.key); });
-          }},
+      Overloaded{[&](const IndexRoute&) { return document(context, site_.index); },
+                 [&](const DatasetsRoute&) { return document(context, site_.list); },
+                 [&](const ScriptRoute&) { return document(context, site_.script); },
+                 [&](const StyleRoute&) { return document(context, site_.style); },
+                 [&](const HealthRoute&) { return text_response(kOk, "ok", "Cache-Control: no-store\r\n"); },
+                 [&](const ReadyRoute&) {
+                   return draining_ ? text_response(kUnavailable, "stopping", "Cache-Control: no-store\r\n")
+                                    : text_response(kOk, "ready", "Cache-Control: no-store\r\n");
+                 },
+                 [&](const CesiumRoute& r) { return cesium(context, r.path); },
+                 [&](const DirectoryRoute& r) {
+                   return with_dataset(r.name, [&](const Dataset&) {
+                     // Relative, for the sake of proxies that serve us below another path.
+                     return text_response(kMovedPermanently, "moved",
+                                          fmt::format("Location: {}/\r\n", percent_encode(r.name)));
+                   });
+                 },
+                 [&](const DocumentRoute& r) {
+                   return with_dataset(r.name, [&](const Dataset& dataset) {
+                     const auto index = static_cast<std::size_t>(&dataset - site_.datasets.data());
+                     return document(context, r.document == DatasetDocument::kGlobe  ? site_.globe
+                                              : r.document == DatasetDocument::kMeta ? site_.meta[index]
+                                                                                     : site_.layer[index]);
+                   });
+                 },
+                 [&](const TileRoute& r) {
+                   return with_dataset(r.name, [&](const Dataset& dataset) {
+                     return r.format == TileFormat::kParts
+                                ? parts(context, dataset, r.key)
+                                : tile(context, dataset, r.key, r.format == TileFormat::kTerrain);
+                   });
+                 },
+                 [&](const PieceRoute& r) {
+                   return with_dataset(r.name, [&](const Dataset& dataset) { return piece(context, dataset, r.key); });
+                 },
+                 [&](const CodesRoute& r) {
+                   return with_dataset(r.name, [&](const Dataset& dataset) { return codes(context, dataset, r.key); });
+                 }},
       route);
 }
 
@@ -339,8 +356,10 @@ Response Handler::handle(const Request& request) {
   if (request.method == "OPTIONS") {
     Response response;
     response.status = kNoContent;
-    response.fields = fmt::format("Allow: {0}\r\nAccess-Control-Allow-Origin: *\r\nAccess-Control-Allow-Methods: {0}\r\n"
-                                  "Access-Control-Allow-Headers: *\r\nAccess-Control-Max-Age: 86400\r\n", kAllow);
+    response.fields = fmt::format(
+        "Allow: {0}\r\nAccess-Control-Allow-Origin: *\r\nAccess-Control-Allow-Methods: {0}\r\n"
+        "Access-Control-Allow-Headers: *\r\nAccess-Control-Max-Age: 86400\r\n",
+        kAllow);
     return response;
   }
   if (request.method != "GET" && !is_head) {

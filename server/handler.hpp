@@ -33,10 +33,10 @@ struct Slice {
 /// An answer without what the connection adds (status line, Date, Connection, Content-Length).
 struct Response {
   int status = 200;
-  std::string fields;                      ///< Header lines, each ended by CRLF.
-  std::vector<Slice> body;                 ///< Empty for HEAD, 204 and 304.
+  std::string fields;                           ///< Header lines, each ended by CRLF.
+  std::vector<Slice> body;                      ///< Empty for HEAD, 204 and 304.
   std::optional<std::uint64_t> content_length;  ///< What GET sends; absent for 204 and 304.
-  std::optional<TileStore::Snapshot> pin;  ///< Holds the memory map's pages that ownerless slices are in.
+  std::optional<TileStore::Snapshot> pin;       ///< Holds the memory map's pages that ownerless slices are in.
 };
 
 /// Answers requests. No sockets. Thread safe; one for all threads.

@@ -48,8 +48,7 @@ std::string make_layer_json(const Manifest& manifest, const std::string& name, c
   for (const LevelInfo& level : manifest.levels) {
     ordered_json rectangles = ordered_json::array();
     for (const TileRectangle& r : available_rectangles(level.rows)) {
-      rectangles.push_back(
-          {{"startX", r.x_first}, {"startY", r.y_first}, {"endX", r.x_last}, {"endY", r.y_last}});
+      rectangles.push_back({{"startX", r.x_first}, {"startY", r.y_first}, {"endX", r.x_last}, {"endY", r.y_last}});
     }
     available.push_back(std::move(rectangles));
   }

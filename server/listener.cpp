@@ -24,16 +24,14 @@ constexpr auto kTick = std::chrono::milliseconds(250);
 constexpr auto kAcceptPause = std::chrono::milliseconds(100);
 
 tl::unexpected<Error> cannot_listen(const std::string& where, const error_code& error) {
-  const char* hint = error == asio::error::address_in_use ? "; stop the other program or give another --listen HOST:PORT"
-                                                          : "";
+  const char* hint =
+      error == asio::error::address_in_use ? "; stop the other program or give another --listen HOST:PORT" : "";
   return fail(ErrorKind::kIo, "cannot listen on " + where + ": " + error.message() + hint);
 }
 
 // "HOST:PORT" or "[V6]:PORT"; the host is an address or a name.
 Result<tcp::endpoint> resolve(const std::string& listen, asio::io_context& io) {
-  const auto malformed = [&] {
-    return fail(ErrorKind::kInvalidInput, "--listen " + listen + ": not HOST:PORT");
-  };
+  const auto malformed = [&] { return fail(ErrorKind::kInvalidInput, "--listen " + listen + ": not HOST:PORT"); };
   const auto colon = listen.rfind(':');
   if (colon == listen.npos || colon == 0) return malformed();
   std::string host = listen.substr(0, colon);

@@ -21,8 +21,8 @@ namespace tind {
 class Worker {
  public:
   using Acceptor = boost::asio::basic_socket_acceptor<boost::asio::ip::tcp, boost::asio::io_context::executor_type>;
-  using Timer = boost::asio::basic_waitable_timer<Clock, boost::asio::wait_traits<Clock>,
-                                                  boost::asio::io_context::executor_type>;
+  using Timer =
+      boost::asio::basic_waitable_timer<Clock, boost::asio::wait_traits<Clock>, boost::asio::io_context::executor_type>;
 
   /// `n_connections` is shared by all workers. The references must outlive the worker.
   Worker(const Settings& settings, Handler& handler, std::atomic<int>& n_connections);

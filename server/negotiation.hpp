@@ -16,8 +16,8 @@ Coding choose_coding(std::optional<std::string_view> accept_encoding);
 /// True iff If-None-Match names `etag` (with its quotes) by weak comparison, or is "*" (RFC 9110, 13.1.2).
 bool etag_matches(std::string_view if_none_match, std::string_view etag);
 
-/// True iff a quantized-mesh client asks for octvertexnormals: CesiumJS in Accept (`;extensions=a-b`), cesium-native in the
-/// query (`extensions=a-b`; pass its value).
+/// True iff a quantized-mesh client asks for octvertexnormals: CesiumJS in Accept (`;extensions=a-b`), cesium-native in
+/// the query (`extensions=a-b`; pass its value).
 bool wants_normals(std::optional<std::string_view> accept, std::optional<std::string_view> query_extensions);
 
 }  // namespace tind

@@ -15,11 +15,20 @@ std::string escape_html(std::string_view text) {
   std::string out;
   for (const char c : text) {
     switch (c) {
-      case '&': out += "&amp;"; break;
-      case '<': out += "&lt;"; break;
-      case '>': out += "&gt;"; break;
-      case '"': out += "&quot;"; break;
-      default: out += c;
+      case '&':
+        out += "&amp;";
+        break;
+      case '<':
+        out += "&lt;";
+        break;
+      case '>':
+        out += "&gt;";
+        break;
+      case '"':
+        out += "&quot;";
+        break;
+      default:
+        out += c;
     }
   }
   return out;
@@ -52,13 +61,16 @@ void append_levels(std::string& out, const std::string& folder, const Manifest& 
     });
     if (best != level.rows.end()) {
       const std::string tile = fmt::format("{}/{}/{}", level.level, best->x_first, best->y);
-      link = fmt::format("<a href=\"{0}/{1}.terrain\">{1}.terrain</a> <a href=\"{0}/{1}.vn\">.vn</a> "
-                         "<a href=\"{0}/codes/{1}\">codes</a>", folder, tile);
+      link = fmt::format(
+          "<a href=\"{0}/{1}.terrain\">{1}.terrain</a> <a href=\"{0}/{1}.vn\">.vn</a> "
+          "<a href=\"{0}/codes/{1}\">codes</a>",
+          folder, tile);
     }
-    out += fmt::format("<tr><td>{}</td><td>{:.2f}</td><td>{:.2f}</td><td>{:.2f}</td><td>{}</td><td>{}</td><td>{}</td>"
-                       "<td>{}</td><td>{}</td></tr>\n",
-                       level.level, level.tolerance_m, level.max_error_m, level.rmse_m, grouped(level.n_tiles),
-                       grouped(level.n_vertices), grouped(level.n_triangles), grouped(level.bytes / 1000), link);
+    out += fmt::format(
+        "<tr><td>{}</td><td>{:.2f}</td><td>{:.2f}</td><td>{:.2f}</td><td>{}</td><td>{}</td><td>{}</td>"
+        "<td>{}</td><td>{}</td></tr>\n",
+        level.level, level.tolerance_m, level.max_error_m, level.rmse_m, grouped(level.n_tiles),
+        grouped(level.n_vertices), grouped(level.n_triangles), grouped(level.bytes / 1000), link);
   }
   out += "</table>\n";
 }
@@ -69,20 +81,23 @@ void append_dataset(std::string& out, const Dataset& dataset, bool has_cesium) {
   const TileKey tile = example_tile(m);
   const std::string address = fmt::format("{}/{}/{}", tile.level, tile.x, tile.y);
   out += fmt::format("<section>\n<h2>{}</h2>\n", escape_html(dataset.name));
-  out += fmt::format("<p>{:.5f} to {:.5f} degrees east, {:.5f} to {:.5f} degrees north; {} source posts; levels 0 to {}.</p>\n",
-                     m.bounds_deg[0], m.bounds_deg[2], m.bounds_deg[1], m.bounds_deg[3], grouped(m.n_source_posts),
-                     m.bottom_level);
+  out += fmt::format(
+      "<p>{:.5f} to {:.5f} degrees east, {:.5f} to {:.5f} degrees north; {} source posts; levels 0 to {}.</p>\n",
+      m.bounds_deg[0], m.bounds_deg[2], m.bounds_deg[1], m.bounds_deg[3], grouped(m.n_source_posts), m.bottom_level);
   if (!m.attribution.empty()) out += fmt::format("<p>{}</p>\n", escape_html(m.attribution));
-  out += fmt::format("<p><a class=\"main\" href=\"{0}/\">See it on a globe</a>{1} &middot; <a href=\"{0}/layer.json\">layer.json</a> "
-                     "&middot; <a href=\"{0}/meta.json\">meta.json</a></p>\n",
-                     folder, has_cesium ? "" : " (CesiumJS is not installed)");
+  out += fmt::format(
+      "<p><a class=\"main\" href=\"{0}/\">See it on a globe</a>{1} &middot; <a href=\"{0}/layer.json\">layer.json</a> "
+      "&middot; <a href=\"{0}/meta.json\">meta.json</a></p>\n",
+      folder, has_cesium ? "" : " (CesiumJS is not installed)");
   append_levels(out, folder, m);
   // `$URL` is filled in by the one line of script below; without script it reads as a variable of the shell.
-  out += fmt::format("<pre>curl -O --compressed <b class=\"origin\">$URL</b>/{0}/{1}.terrain   # quantized-mesh\n"
-                     "curl -O --compressed <b class=\"origin\">$URL</b>/{0}/{1}.vn        # vertices, triangles, codes\n"
-                     "curl -O <b class=\"origin\">$URL</b>/{0}/{1}.parts                  # the nine stored pieces\n"
-                     "curl <b class=\"origin\">$URL</b>/{0}/codes/{1}                     # crack-tessellation codes</pre>\n</section>\n",
-                     folder, address);
+  out += fmt::format(
+      "<pre>curl -O --compressed <b class=\"origin\">$URL</b>/{0}/{1}.terrain   # quantized-mesh\n"
+      "curl -O --compressed <b class=\"origin\">$URL</b>/{0}/{1}.vn        # vertices, triangles, codes\n"
+      "curl -O <b class=\"origin\">$URL</b>/{0}/{1}.parts                  # the nine stored pieces\n"
+      "curl <b class=\"origin\">$URL</b>/{0}/codes/{1}                     # crack-tessellation "
+      "codes</pre>\n</section>\n",
+      folder, address);
 }
 
 }  // namespace
@@ -103,15 +118,18 @@ TileKey example_tile(const Manifest& manifest) {
 
 std::string make_index_page(const std::vector<Dataset>& datasets, bool has_cesium) {
   std::string out = page_head("tind: terrain", "");
-  out += "<body class=\"text\">\n<h1>tind</h1>\n<p>TIN terrain over HTTP. Tile rows count from the south (TMS). "
-         "<a href=\"datasets\">The list as JSON</a>.</p>\n";
+  out +=
+      "<body class=\"text\">\n<h1>tind</h1>\n<p>TIN terrain over HTTP. Tile rows count from the south (TMS). "
+      "<a href=\"datasets\">The list as JSON</a>.</p>\n";
   if (!has_cesium) {
-    out += "<p class=\"note\">The globe pages need CesiumJS: <code>npm install cesium</code>, then start tind with "
-           "<code>--cesium node_modules/cesium/Build/Cesium</code>.</p>\n";
+    out +=
+        "<p class=\"note\">The globe pages need CesiumJS: <code>npm install cesium</code>, then start tind with "
+        "<code>--cesium node_modules/cesium/Build/Cesium</code>.</p>\n";
   }
   for (const Dataset& dataset : datasets) append_dataset(out, dataset, has_cesium);
-  out += "<script>for (const b of document.querySelectorAll('.origin')) "
-         "b.textContent = new URL('.', location.href).href.slice(0, -1);</script>\n</body>\n</html>\n";
+  out +=
+      "<script>for (const b of document.querySelectorAll('.origin')) "
+      "b.textContent = new URL('.', location.href).href.slice(0, -1);</script>\n</body>\n</html>\n";
   return out;
 }
 
@@ -140,7 +158,8 @@ std::string make_dataset_list(const std::vector<Dataset>& datasets) {
 std::string make_no_cesium_page() {
   return page_head("tind: no globe", "../") +
          "<body class=\"text\">\n<h1>CesiumJS is not installed</h1>\n"
-         "<p>The terrain itself is served: see <a href=\"layer.json\">layer.json</a>. To see it on a globe, install CesiumJS and "
+         "<p>The terrain itself is served: see <a href=\"layer.json\">layer.json</a>. To see it on a globe, install "
+         "CesiumJS and "
          "tell tind where it is:</p>\n"
          "<pre>npm install cesium\ntind NAME.tind --cesium node_modules/cesium/Build/Cesium</pre>\n"
          "<p><a href=\"../\">All datasets</a></p>\n</body>\n</html>\n";

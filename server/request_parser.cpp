@@ -44,16 +44,27 @@ class Parser : public http::basic_parser<true> {
         ++n_hosts;
         host_is_plain = value.find_first_of(" \t,/@\\") == BeastView::npos;
         break;
-      case http::field::content_length: ++n_content_lengths; break;
+      case http::field::content_length:
+        ++n_content_lengths;
+        break;
       case http::field::transfer_encoding:
         ++n_transfer_encodings;
         transfer_encoding = to_string(value);
         break;
-      case http::field::accept: append(request.accept, value); break;
-      case http::field::accept_encoding: append(request.accept_encoding, value); break;
-      case http::field::if_none_match: append(request.if_none_match, value); break;
-      case http::field::expect: request.expects_continue = true; break;
-      default: break;
+      case http::field::accept:
+        append(request.accept, value);
+        break;
+      case http::field::accept_encoding:
+        append(request.accept_encoding, value);
+        break;
+      case http::field::if_none_match:
+        append(request.if_none_match, value);
+        break;
+      case http::field::expect:
+        request.expects_continue = true;
+        break;
+      default:
+        break;
     }
   }
   void on_header_impl(error_code&) override {}

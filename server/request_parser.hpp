@@ -28,10 +28,10 @@ struct ParsedRequest {
 /// Most bytes of a request target.
 inline constexpr std::size_t kMaxTargetBytes = 8000;
 
-/// Parses a request line and header fields, `block` ending with the empty line. Returns the status to answer with where a server
-/// must refuse: Beast's parser does the grammar (RFC 9112), and what it is too lenient about is checked here: bare CR or LF,
-/// NUL, obs-fold, 8-bit targets, no or two Host fields, any Transfer-Encoding but one plain `chunked`, one beside
-/// Content-Length, repeated Content-Length. Pure; safe for any bytes.
+/// Parses a request line and header fields, `block` ending with the empty line. Returns the status to answer with where
+/// a server must refuse: Beast's parser does the grammar (RFC 9112), and what it is too lenient about is checked here:
+/// bare CR or LF, NUL, obs-fold, 8-bit targets, no or two Host fields, any Transfer-Encoding but one plain `chunked`,
+/// one beside Content-Length, repeated Content-Length. Pure; safe for any bytes.
 std::variant<ParsedRequest, int> parse_request(std::string_view block);
 
 /// Bytes of empty lines before a request line, which a server ignores (RFC 9112, 2.2).

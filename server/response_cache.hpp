@@ -33,7 +33,7 @@ class ResponseCache {
   };
   struct Shard {
     std::mutex mutex;
-    std::list<Entry> entries;  // most recently used first
+    std::list<Entry> entries;                                                // most recently used first
     std::unordered_map<std::string_view, std::list<Entry>::iterator> index;  // keys live in the entries
     std::size_t bytes = 0;
   };

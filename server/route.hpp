@@ -56,8 +56,8 @@ struct Target {
 /// Names that no dataset may have, because routes have them.
 bool is_reserved_name(std::string_view name);
 
-/// Parses a request target: origin-form, or absolute-form, whose host is ignored. Returns the status to answer with when it
-/// is none: 400 malformed, 404 no such route or a key out of range. Pure; safe for any bytes.
+/// Parses a request target: origin-form, or absolute-form, whose host is ignored. Returns the status to answer with
+/// when it is none: 400 malformed, 404 no such route or a key out of range. Pure; safe for any bytes.
 std::variant<Target, int> parse_target(std::string_view target);
 
 /// The value of `name` in a query string, percent-decoded; nullopt when absent or malformed.

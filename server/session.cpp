@@ -25,9 +25,7 @@ constexpr std::size_t kMaxLingerBytes = std::size_t{1} << 20;
 
 }  // namespace
 
-Session::Session(Socket socket, Worker& worker) : socket_(std::move(socket)), worker_(worker) {
-  worker_.add(this);
-}
+Session::Session(Socket socket, Worker& worker) : socket_(std::move(socket)), worker_(worker) { worker_.add(this); }
 
 Session::~Session() { worker_.remove(this); }
 
@@ -186,8 +184,8 @@ void Session::after_write() {
   });
 }
 
-// Closing with unread bytes makes the kernel reset the connection, and the client may lose the answer: so say that no more
-// comes, and read a little of what the client still sends.
+// Closing with unread bytes makes the kernel reset the connection, and the client may lose the answer: so say that no
+// more comes, and read a little of what the client still sends.
 void Session::linger() {
   if (state_ != State::kLingering) {
     state_ = State::kLingering;

@@ -22,8 +22,8 @@ class Worker;
 using Socket = boost::asio::basic_stream_socket<boost::asio::ip::tcp, boost::asio::io_context::executor_type>;
 using Clock = std::chrono::steady_clock;
 
-/// One connection: reads into its own buffer, answers every complete request in it with one gathered write that does not
-/// block, and copies what the socket did not take, so that no store snapshot waits on a slow client. Belongs to the
+/// One connection: reads into its own buffer, answers every complete request in it with one gathered write that does
+/// not block, and copies what the socket did not take, so that no store snapshot waits on a slow client. Belongs to the
 /// thread of its worker.
 class Session : public std::enable_shared_from_this<Session> {
  public:
@@ -59,14 +59,14 @@ class Session : public std::enable_shared_from_this<Session> {
   Worker& worker_;
   State state_ = State::kIdle;
   Clock::time_point deadline_;
-  std::string buffer_;                      // bytes [begin_, end_) are not used up yet
+  std::string buffer_;  // bytes [begin_, end_) are not used up yet
   std::size_t begin_ = 0, end_ = 0;
-  std::uint64_t body_bytes_to_skip_ = 0;    // of a request body that nobody wants
+  std::uint64_t body_bytes_to_skip_ = 0;  // of a request body that nobody wants
   bool close_after_write_ = false;
   std::size_t lingered_bytes_ = 0;
 
-  std::vector<Slice> out_;                       // answers not sent yet
-  std::vector<TileStore::Snapshot> pins_;        // of ownerless slices in out_, until the first write
+  std::vector<Slice> out_;                 // answers not sent yet
+  std::vector<TileStore::Snapshot> pins_;  // of ownerless slices in out_, until the first write
 };
 
 }  // namespace tind

@@ -30,7 +30,8 @@ Result<Site> make_site(const Settings& settings) {
     auto dataset = open_dataset(path);
     if (!dataset) return tl::unexpected(dataset.error());
     if (!site.by_name.emplace(dataset->name, site.datasets.size()).second) {
-      return fail(ErrorKind::kInvalidInput, path + ": a dataset named '" + dataset->name + "' is given twice; rename one");
+      return fail(ErrorKind::kInvalidInput,
+                  path + ": a dataset named '" + dataset->name + "' is given twice; rename one");
     }
     site.datasets.push_back(std::move(*dataset));
   }

@@ -29,8 +29,8 @@ struct Site {
   const Dataset* find(const std::string& name) const;
 };
 
-/// Opens the datasets and makes the texts. Fails with the first file that does not open, with kInvalidInput when two have one name
-/// or when the CesiumJS directory has no Cesium.js.
+/// Opens the datasets and makes the texts. Fails with the first file that does not open, with kInvalidInput when two
+/// have one name or when the CesiumJS directory has no Cesium.js.
 Result<Site> make_site(const Settings& settings);
 
 }  // namespace tind

@@ -138,8 +138,9 @@ Result<Manifest> decode_manifest(ByteView text) {
     Manifest m;
     m.format_version = j.at("format_version").get<int>();
     if (m.format_version != kFormatVersion) {
-      return fail(ErrorKind::kUnsupported, "format version " + std::to_string(m.format_version) + "; this program reads " +
-                                               std::to_string(kFormatVersion) + ": build the file anew or update tind");
+      return fail(ErrorKind::kUnsupported, "format version " + std::to_string(m.format_version) +
+                                               "; this program reads " + std::to_string(kFormatVersion) +
+                                               ": build the file anew or update tind");
     }
     m.generator = j.at("generator").get<std::string>();
     m.attribution = j.at("attribution").get<std::string>();

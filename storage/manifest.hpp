@@ -70,7 +70,8 @@ struct Manifest {
 
 /// The manifest's JSON text (one line).
 std::string encode_manifest(const Manifest& manifest);
-/// Fails with kCorrupt on malformed JSON or values out of range, kUnsupported on another format version. Untrusted-safe.
+/// Fails with kCorrupt on malformed JSON or values out of range, kUnsupported on another format version.
+/// Untrusted-safe.
 Result<Manifest> decode_manifest(ByteView json);
 
 }  // namespace tind

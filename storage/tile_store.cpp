@@ -42,7 +42,8 @@ std::optional<ByteView> get(MDB_txn* txn, MDB_dbi dbi, ByteView key) {
 }
 
 Error lmdb_error(const std::string& path, const char* doing, int code) {
-  if (code == MDB_MAP_FULL) return {ErrorKind::kUnsupported, path + ": a pyramid of more than 256 GiB; build it in parts"};
+  if (code == MDB_MAP_FULL)
+    return {ErrorKind::kUnsupported, path + ": a pyramid of more than 256 GiB; build it in parts"};
   if (code == ENOSPC || code == EDQUOT || code == EFBIG) {
     return {ErrorKind::kIo, path + ": no space left on the disk while " + doing + "; free some or write elsewhere"};
   }
@@ -109,8 +110,8 @@ Result<TileStore> TileStore::open(const std::string& path) {
   // A truncated file would be a SIGBUS on the first look past its end.
   const auto needed = (static_cast<std::uint64_t>(env_info.me_last_pgno) + 1) * env_stat.ms_psize;
   if (static_cast<std::uint64_t>(info.st_size) < needed) {
-    return fail(ErrorKind::kCorrupt, path + ": truncated: " + std::to_string(info.st_size) + " of " +
-                                         std::to_string(needed) + " bytes");
+    return fail(ErrorKind::kCorrupt,
+                path + ": truncated: " + std::to_string(info.st_size) + " of " + std::to_string(needed) + " bytes");
   }
   MDB_txn* txn = nullptr;
   if (const int code = mdb_txn_begin(impl->env, nullptr, MDB_RDONLY, &txn)) {

@@ -56,7 +56,8 @@ Result<Bytes> unpack_value(ByteView value) {
   }
   if (size > kMaxRecordBytes) return fail(ErrorKind::kCorrupt, "zstd frame announces more than 256 MiB");
   Bytes out(size);
-  const std::size_t n = ZSTD_decompressDCtx(decompression_context(), out.data(), out.size(), value.data(), value.size());
+  const std::size_t n =
+      ZSTD_decompressDCtx(decompression_context(), out.data(), out.size(), value.data(), value.size());
   if (ZSTD_isError(n) || n != size) return fail(ErrorKind::kCorrupt, "broken zstd frame");
   return out;
 }

@@ -19,7 +19,7 @@ static_assert(std::endian::native == std::endian::little, "tind writes little-en
 class ByteWriter {
  public:
   template <class T>
-    requires std::is_arithmetic_v<T>
+  requires std::is_arithmetic_v<T>
   void fixed(T value) {
     const auto at = bytes_.size();
     bytes_.resize(at + sizeof(T));
@@ -54,8 +54,7 @@ class ByteReader {
   explicit ByteReader(ByteView bytes) : bytes_(bytes) {}
 
   template <class T>
-    requires std::is_arithmetic_v<T>
-  T fixed() {
+  requires std::is_arithmetic_v<T> T fixed() {
     T value{};
     if (!ok_ || remaining() < sizeof(T)) {
       ok_ = false;

@@ -98,9 +98,8 @@ std::vector<std::uint32_t> Rounder::merged_border_vertices() const {
 }
 
 bool Rounder::all_positive() const {
-  return std::all_of(triangles_.begin(), triangles_.end(), [&](const Triangle& t) {
-    return orientation(at_[t[0]], at_[t[1]], at_[t[2]]) > 0;
-  });
+  return std::all_of(triangles_.begin(), triangles_.end(),
+                     [&](const Triangle& t) { return orientation(at_[t[0]], at_[t[1]], at_[t[2]]) > 0; });
 }
 
 // Every directed edge once; those without a reverse are the ring's, in order; the areas add up to the square.
@@ -206,8 +205,8 @@ bool Rounder::try_nearby(std::uint32_t v) {
                      [&](const auto& candidate) { return try_move(v, candidate.second); });
 }
 
-// Triangulates a simple polygon (counter-clockwise, straight angles allowed) by ears. A polygon with four or more vertices
-// always has an ear whose closed triangle holds no other vertex; cutting only those leaves no zero-area rest.
+// Triangulates a simple polygon (counter-clockwise, straight angles allowed) by ears. A polygon with four or more
+// vertices always has an ear whose closed triangle holds no other vertex; cutting only those leaves no zero-area rest.
 bool Rounder::clip_ears(std::vector<std::uint32_t> polygon) {
   std::size_t start = 0;
   while (polygon.size() > 3) {

@@ -20,12 +20,13 @@ struct RoundedMesh {
 ///
 /// Border vertices go to the nearest grid point of their side. Those that fall together become one by a rule that
 /// sees the edge record alone (corners win, else the first in stored direction), so both tiles beside it agree. An
-/// interior vertex that cannot go to its nearest grid point goes to one nearby, and is dropped where none is free: the hole is
-/// triangulated again. The mesh is valid after every single step, by exact integer predicates, so the result always is.
+/// interior vertex that cannot go to its nearest grid point goes to one nearby, and is dropped where none is free: the
+/// hole is triangulated again. The mesh is valid after every single step, by exact integer predicates, so the result
+/// always is.
 ///
 /// `side`: lattice steps of the tile's side, 1 <= side <= 2^44. `n_steps`: 1 <= n_steps <= 32767.
-/// Fails with kCorrupt when the tile's own triangles are no triangulation of its square and plain rounding does not give
-/// positive triangles by itself. Safe for untrusted meshes. Pure, thread safe.
+/// Fails with kCorrupt when the tile's own triangles are no triangulation of its square and plain rounding does not
+/// give positive triangles by itself. Safe for untrusted meshes. Pure, thread safe.
 Result<RoundedMesh> round_to_grid(const VirtualNode& node, std::int64_t side, std::int64_t n_steps);
 
 }  // namespace tind

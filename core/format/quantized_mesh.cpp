@@ -39,10 +39,10 @@ struct HeightRange {
   double minimum_m = 0, unit_m = 0, units = 0;
 };
 
-// The range of a tile from `low` to `high`. The unit is the border step over a power of two, so that border heights are whole units; the
-// number of units divides 32767, so that whole units are whole steps of the encoding; minimum and maximum are exact
-// 32-bit floats. 32767 units, whose step is the unit itself, unless that is more than twice the true range: high plateaus
-// have no float for so fine a unit.
+// The range of a tile from `low` to `high`. The unit is the border step over a power of two, so that border heights are
+// whole units; the number of units divides 32767, so that whole units are whole steps of the encoding; minimum and
+// maximum are exact 32-bit floats. 32767 units, whose step is the unit itself, unless that is more than twice the true
+// range: high plateaus have no float for so fine a unit.
 std::optional<HeightRange> find_range(double low, double high, double range, double border_step) {
   const auto smallest_of = [&](double units) -> std::optional<HeightRange> {
     for (double unit = std::min(border_step, std::exp2(std::floor(std::log2(range / units)))); unit <= border_step;
@@ -119,8 +119,9 @@ struct Bounds {
   Vector occlusion_point{};
 };
 
-// How far out along `direction` a point must lie to be visible whenever `position` is (both on the unit sphere's scale):
-// CesiumJS, EllipsoidalOccluder.computeHorizonCullingPoint; cesium.com/blog/2013/05/09. Infinite where none is far enough.
+// How far out along `direction` a point must lie to be visible whenever `position` is (both on the unit sphere's
+// scale): CesiumJS, EllipsoidalOccluder.computeHorizonCullingPoint; cesium.com/blog/2013/05/09. Infinite where none is
+// far enough.
 double occlusion_magnitude(const Vector& position, const Vector& direction) {
   const double length = norm(position), magnitude = std::max(1.0, length);
   const Vector p = {position[0] / length, position[1] / length, position[2] / length};
@@ -162,7 +163,8 @@ Bounds bounds_of(const Ellipsoid& ellipsoid, const std::vector<Vector>& points, 
     magnitude = std::max(magnitude, occlusion_magnitude(scaled(p, 0.0), direction));
     if (shrink_m > 0) magnitude = std::max(magnitude, occlusion_magnitude(scaled(p, shrink_m), direction));
   }
-  // A level-0 tile reaches 90 degrees from its middle and more: no point stands for it, it may be visible from everywhere.
+  // A level-0 tile reaches 90 degrees from its middle and more: no point stands for it, it may be visible from
+  // everywhere.
   if (!std::isfinite(magnitude) || !std::isfinite(direction[0])) {
     const Vector anywhere = {1.0, 0.0, 0.0};
     const Vector& d = std::isfinite(direction[0]) ? direction : anywhere;
@@ -238,8 +240,8 @@ Result<Bytes> encode_quantized_mesh(const Lattice& lattice, const VirtualNode& n
 
   const std::optional<Heights> heights = quantize_heights(lattice, node, used, options.border_step_m);
   if (!heights) {
-    return fail(ErrorKind::kUnsupported, name + ": its heights do not fit 32767 steps of " +
-                                             std::to_string(options.border_step_m) + " m");
+    return fail(ErrorKind::kUnsupported,
+                name + ": its heights do not fit 32767 steps of " + std::to_string(options.border_step_m) + " m");
   }
 
   // What clients will decode.
@@ -250,13 +252,14 @@ Result<Bytes> encode_quantized_mesh(const Lattice& lattice, const VirtualNode& n
   points.reserve(order.old_index.size());
   for (const std::uint32_t v : order.old_index) {
     const auto [u_q, v_q] = mesh->positions[v];
-    points.push_back(lattice.geodetic_to_ecef(west + u_q / static_cast<double>(kSteps) * side_deg,
-                                              south + v_q / static_cast<double>(kSteps) * side_deg,
-                                              heights->minimum_m + heights->q[v] / static_cast<double>(kSteps) * range_m));
+    points.push_back(lattice.geodetic_to_ecef(
+        west + u_q / static_cast<double>(kSteps) * side_deg, south + v_q / static_cast<double>(kSteps) * side_deg,
+        heights->minimum_m + heights->q[v] / static_cast<double>(kSteps) * range_m));
   }
   const Bounds bounds = bounds_of(lattice.ellipsoid, points, heights->minimum_m);
 
-  // CesiumJS reads a tile of exactly 65,536 vertices with two index widths at once: one vertex that no triangle uses more.
+  // CesiumJS reads a tile of exactly 65,536 vertices with two index widths at once: one vertex that no triangle uses
+  // more.
   if (order.old_index.size() == kShortIndexVertices) order.old_index.push_back(order.old_index.back());
 
   ByteWriter out;

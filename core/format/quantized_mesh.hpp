@@ -10,8 +10,8 @@
 
 namespace tind {
 
-/// Smallest step of border heights in metres. With it every multiple up to 32 km is a 32-bit float, as the header of a tile
-/// needs; a level's own step is used where it is larger.
+/// Smallest step of border heights in metres. With it every multiple up to 32 km is a 32-bit float, as the header of a
+/// tile needs; a level's own step is used where it is larger.
 inline constexpr double kSmallestBorderStepM = 0x1p-9;
 
 struct QuantizedMeshOptions {
@@ -25,13 +25,13 @@ struct QuantizedMeshOptions {
 
 /// A tile as quantized-mesh 1.0 (github.com/CesiumGS/quantized-mesh, SPECIFICATION.md).
 ///
-/// Heights: border vertices are rounded to multiples of the border step S (rounded up to a power of two), the others to the
-/// tile's own step s. The range maximum - minimum is 32767 s with s = S / 2^j, the smallest that holds the tile; where 32-bit floats
-/// cannot hold so fine a minimum and maximum (nearly flat tiles high up), it is m S / 2^j with m a divisor of 32767, which
-/// stays within twice the true range and keeps border heights whole steps all the same. So a decoder that computes
-/// min + q / 32767 * (max - min) in double precision gets border heights exactly, and (1 - t) min + t max to 4e-16 of the
-/// larger of |min|, |max|: borders decode alike from both sides. A flat tile has minimum == maximum.
-/// Positions: round_to_grid to 0..32767.
+/// Heights: border vertices are rounded to multiples of the border step S (rounded up to a power of two), the others to
+/// the tile's own step s. The range maximum - minimum is 32767 s with s = S / 2^j, the smallest that holds the tile;
+/// where 32-bit floats cannot hold so fine a minimum and maximum (nearly flat tiles high up), it is m S / 2^j with m a
+/// divisor of 32767, which stays within twice the true range and keeps border heights whole steps all the same. So a
+/// decoder that computes min + q / 32767 * (max - min) in double precision gets border heights exactly, and (1 - t) min
+/// + t max to 4e-16 of the larger of |min|, |max|: borders decode alike from both sides. A flat tile has minimum ==
+/// maximum. Positions: round_to_grid to 0..32767.
 ///
 /// Fails with kCorrupt when the triangles are no triangulation or indices are out of range, with kUnsupported when the
 /// range exceeds 32767 S or a height 32 km. Pure, thread safe.

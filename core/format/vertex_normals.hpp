@@ -10,11 +10,11 @@
 
 namespace tind {
 
-/// Unit normals (ECEF) per vertex of `node`: the area-weighted mean over all triangles that touch the vertex, in `node` and in
-/// `neighbours`. Pass all stored tiles of the same level that touch the tile (up to eight, wrapping in x), each once;
-/// then every tile that has a border vertex computes the same normal for it, bit for bit, because a triangle's share
-/// depends on its own lattice points alone and the shares are added in an order that no side decides. At a pole the
-/// normal is the axis. Indices of all triangles must be in range. Pure, thread safe.
+/// Unit normals (ECEF) per vertex of `node`: the area-weighted mean over all triangles that touch the vertex, in `node`
+/// and in `neighbours`. Pass all stored tiles of the same level that touch the tile (up to eight, wrapping in x), each
+/// once; then every tile that has a border vertex computes the same normal for it, bit for bit, because a triangle's
+/// share depends on its own lattice points alone and the shares are added in an order that no side decides. At a pole
+/// the normal is the axis. Indices of all triangles must be in range. Pure, thread safe.
 std::vector<std::array<double, 3>> vertex_normals(const Lattice& lattice, const VirtualNode& node,
                                                   std::span<const VirtualNode> neighbours);
 

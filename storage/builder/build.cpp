@@ -6,6 +6,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <cassert>
 #include <cmath>
 #include <cstring>
 #include <filesystem>
@@ -68,10 +69,14 @@ class LineStore {
   // Border b (ring order) of a tile, in stored direction.
   std::span<const LineVertex> border(const TileKey& t, int b) const {
     switch (b) {
-      case 0: return side(false, t.level, t.y, t.x);
-      case 1: return side(true, t.level, std::int64_t{t.x} + 1, t.y);
-      case 2: return side(false, t.level, std::int64_t{t.y} + 1, t.x);
-      default: return side(true, t.level, t.x, t.y);
+      case 0:
+        return side(false, t.level, t.y, t.x);
+      case 1:
+        return side(true, t.level, std::int64_t{t.x} + 1, t.y);
+      case 2:
+        return side(false, t.level, std::int64_t{t.y} + 1, t.x);
+      default:
+        return side(true, t.level, t.x, t.y);
     }
   }
 
@@ -153,8 +158,14 @@ class PyramidBuilder {
  public:
   PyramidBuilder(const BuildOptions& options, const HeightField& field, const LevelTable& table, int threads,
                  TileStoreWriter& writer, Progress& progress)
-      : options_(options), field_(field), table_(table), threads_(threads), writer_(writer), progress_(progress),
-        plan_(field, table.bottom_level()), lines_(field.lattice) {
+      : options_(options),
+        field_(field),
+        table_(table),
+        threads_(threads),
+        writer_(writer),
+        progress_(progress),
+        plan_(field, table.bottom_level()),
+        lines_(field.lattice) {
     const double bottom_m = table.levels.back().tolerance_m;
     // What rounding may add outside the greedy loop: a post's height is kept as a float, a vertex's in height units.
     const double unit = field.lattice.height_unit_m();
@@ -176,6 +187,12 @@ class PyramidBuilder {
       if (auto done = refine_lines(level); !done) return done;
       if (auto done = build_level(level, info, parts); !done) return done;
       parts.seconds = seconds_since(start);
+      if (info.max_error_m > info.tolerance_m) {
+        progress_.note(
+            fmt::format("level {}: the error at a post is {:.3f} m, above E_L = {:.3f} m: the tolerance is finer than "
+                        "the posts' heights allow; the file says so, too",
+                        level, info.max_error_m, info.tolerance_m));
+      }
       manifest.levels.push_back(std::move(info));
       breakdown.push_back(parts);
     }
@@ -199,11 +216,11 @@ class PyramidBuilder {
           range = {std::min(range.low, low), std::max(range.high, high)};
         };
         if (level == table_.bottom_level()) {
-          for_posts_around(tile, [&](std::int64_t r, std::int64_t c) {
-            include(field_.height_at(r, c), field_.height_at(r, c));
-          });
+          for_posts_around(
+              tile, [&](std::int64_t r, std::int64_t c) { include(field_.height_at(r, c), field_.height_at(r, c)); });
         } else if (plan_.is_split(tile)) {
-          for (int child = 0; child < 4; ++child) include(finer.at(tile.child(child)).low, finer.at(tile.child(child)).high);
+          for (int child = 0; child < 4; ++child)
+            include(finer.at(tile.child(child)).low, finer.at(tile.child(child)).high);
         }
         double& step = steps[static_cast<std::size_t>(level)];
         step = std::max(step, height_step_m(range.low - unit, range.high + unit));
@@ -295,7 +312,7 @@ class PyramidBuilder {
   std::vector<std::int64_t> pins_of(const RootEdge& root, const Bytes& value) const {
     std::vector<std::int64_t> pins;
     const auto interior = parent_interior(value);
-    if (!interior) return pins;
+    assert(interior.has_value() && "the writer's own body");
     const TileKey parent = parent_of(root);
     const std::int64_t side = field_.lattice.tile_side(parent.level), west = side * parent.x, south = side * parent.y;
     const std::int64_t end = root.start + side / 2;
@@ -401,7 +418,8 @@ class PyramidBuilder {
     result.stats = body.stats;
     result.n_interior = body.interior.size();
     const std::int64_t side = field_.lattice.tile_side(key.level);
-    for (const LocalVertex& v : body.interior) result.n_outside += is_outside(field_, side * key.x + v.x, side * key.y + v.y);
+    for (const LocalVertex& v : body.interior)
+      result.n_outside += is_outside(field_, side * key.x + v.x, side * key.y + v.y);
     result.n_inserted = surface.n_inserted;
     result.n_triangles = body.triangles.size();
     result.value = pack_value(encode_body(body));
@@ -417,7 +435,8 @@ class PyramidBuilder {
       return pack_value(encode_corner({field_.lattice_height(side * key.i, side * key.j)}));
     }
     const bool vertical = key.kind == PieceKind::kEdgeV;
-    const auto part = vertical ? lines_.side(true, key.level, key.i, key.j) : lines_.side(false, key.level, key.j, key.i);
+    const auto part =
+        vertical ? lines_.side(true, key.level, key.i, key.j) : lines_.side(false, key.level, key.j, key.i);
     const EdgeChain edge = edge_of_level(part, key.level);
     parts.border += edge.inner.size();
     for (const EdgeVertex& v : edge.inner) {
@@ -484,7 +503,8 @@ class PyramidBuilder {
       return fail(ErrorKind::kIo, error);
     }
     for (; next_piece < pieces.size(); ++next_piece) {
-      if (!append(pieces[next_piece], border_value(pieces[next_piece], info, parts))) return fail(ErrorKind::kIo, error);
+      if (!append(pieces[next_piece], border_value(pieces[next_piece], info, parts)))
+        return fail(ErrorKind::kIo, error);
     }
     info.rmse_m = info.n_posts ? std::sqrt(squares / static_cast<double>(info.n_posts)) : 0;
     info.n_border_vertices = parts.corners + parts.border;
@@ -497,7 +517,7 @@ class PyramidBuilder {
     std::map<std::pair<std::uint32_t, std::uint32_t>, TileCoverage> by_row;
     for (std::size_t i = 0; i < tiles.size(); ++i) {
       by_row[{tiles[i].y, tiles[i].x}] = coverage[i];
-      ++(coverage[i] == TileCoverage::kReal ? info.n_real
+      ++(coverage[i] == TileCoverage::kReal      ? info.n_real
          : coverage[i] == TileCoverage::kPartial ? info.n_partial
                                                  : info.n_filler);
     }
@@ -570,8 +590,8 @@ Result<void> check_output(const BuildOptions& options) {
     return fail(ErrorKind::kInvalidInput, folder.string() + ": no such folder; make it first");
   }
   if (fs::is_directory(output, code)) {
-    return fail(ErrorKind::kInvalidInput, options.output + ": is a folder; name a file, for example " +
-                                              (output / "terrain.tind").string());
+    return fail(ErrorKind::kInvalidInput,
+                options.output + ": is a folder; name a file, for example " + (output / "terrain.tind").string());
   }
   if (!options.force && fs::exists(output, code)) {
     return fail(ErrorKind::kInvalidInput, options.output + ": exists; give --force to replace it");
@@ -632,7 +652,8 @@ Result<BuildReport> build_pyramid(const BuildOptions& options, Progress& progres
   BuildReport report;
   report.read_seconds = seconds_since(start);
   report.counts = grid->counts();
-  report.threads = options.threads > 0 ? options.threads : static_cast<int>(std::max(1u, std::thread::hardware_concurrency()));
+  report.threads =
+      options.threads > 0 ? options.threads : static_cast<int>(std::max(1u, std::thread::hardware_concurrency()));
   Manifest& m = report.manifest;
   m.generator = kGenerator;
   m.attribution = options.attribution;

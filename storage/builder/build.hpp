@@ -18,14 +18,14 @@ namespace tind {
 struct BuildOptions {
   std::vector<std::string> inputs;
   std::string output;
-  bool force = false;               ///< Replace an output that exists.
+  bool force = false;  ///< Replace an output that exists.
   RasterOptions raster;
-  LevelOptions levels;              ///< metres_per_degree is set by the builder.
-  bool mid_latitude_metres = false; ///< Spacing in metres at the source's middle latitude instead of the equator.
+  LevelOptions levels;               ///< metres_per_degree is set by the builder.
+  bool mid_latitude_metres = false;  ///< Spacing in metres at the source's middle latitude instead of the equator.
   double base_height_m = 0;
   int falloff_posts = 64;
   std::string attribution;
-  int threads = 0;                  ///< 0: all cores.
+  int threads = 0;                            ///< 0: all cores.
   const std::atomic<bool>* cancel = nullptr;  ///< Set by a signal handler: stop, leave nothing behind.
 };
 
@@ -49,9 +49,9 @@ struct BuildReport {
   int threads = 0;
 };
 
-/// Builds the pyramid of `options.inputs` into `options.output`: under a temporary name beside it, synced, then renamed. On any
-/// failure an earlier output is left untouched and nothing new stays behind. The same input and options give the same
-/// bytes for any number of threads.
+/// Builds the pyramid of `options.inputs` into `options.output`: under a temporary name beside it, synced, then
+/// renamed. On any failure an earlier output is left untouched and nothing new stays behind. The same input and options
+/// give the same bytes for any number of threads.
 Result<BuildReport> build_pyramid(const BuildOptions& options, Progress& progress);
 
 }  // namespace tind

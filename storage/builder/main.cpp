@@ -51,7 +51,8 @@ int main(int argc, char** argv) {
       ->check(CLI::IsMember({"standard", "non-standard"}))
       ->capture_default_str();
   app.add_option("--max-level", options.levels.max_level, "Stop at this level")->type_name("N");
-  app.add_option("--tolerance", options.levels.tolerance_m, "E of the bottom level in metres, instead of 4/5 of the spacing")
+  app.add_option("--tolerance", options.levels.tolerance_m,
+                 "E of the bottom level in metres, instead of 4/5 of the spacing")
       ->type_name("M");
   app.add_option("--finest", options.levels.finest_m, "Go on below the bottom level, halving E, until E <= M metres")
       ->type_name("M");
@@ -59,7 +60,8 @@ int main(int argc, char** argv) {
       ->check(CLI::IsMember({"equator", "mid-latitude"}))
       ->capture_default_str();
   app.add_option("--nodata", options.raster.nodata, "Value that marks voids, instead of the file's")->type_name("V");
-  app.add_option("--metres-per-unit", options.raster.metres_per_unit, "Vertical unit of the input, e.g. 0.3048 for feet")
+  app.add_option("--metres-per-unit", options.raster.metres_per_unit,
+                 "Vertical unit of the input, e.g. 0.3048 for feet")
       ->check(CLI::PositiveNumber)
       ->type_name("M");
   app.add_option("--base-height", options.base_height_m, "Height of the surface far outside the data, metres")

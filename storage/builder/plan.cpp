@@ -80,10 +80,11 @@ bool TilePlan::is_edge_split(int level, bool vertical, std::int64_t line, std::i
   const std::int64_t n_x = TileKey::count_x(level), n_y = TileKey::count_y(level);
   const auto split_at = [&](std::int64_t x, std::int64_t y) {
     if (y < 0 || y >= n_y) return false;
-    return is_split({static_cast<std::uint8_t>(level), static_cast<std::uint32_t>((x + n_x) % n_x),
-                     static_cast<std::uint32_t>(y)});
+    return is_split(
+        {static_cast<std::uint8_t>(level), static_cast<std::uint32_t>((x + n_x) % n_x), static_cast<std::uint32_t>(y)});
   };
-  return vertical ? split_at(line - 1, along) || split_at(line, along) : split_at(along, line - 1) || split_at(along, line);
+  return vertical ? split_at(line - 1, along) || split_at(line, along)
+                  : split_at(along, line - 1) || split_at(along, line);
 }
 
 std::vector<PieceKey> TilePlan::pieces(int level) const {

@@ -12,8 +12,8 @@
 
 namespace tind {
 
-/// Which tiles a pyramid has. Tiles of one level are in Morton order. A tile is split iff data or falloff touch it and it is
-/// not on the bottom level; the four children of a split tile are all stored, both roots always are.
+/// Which tiles a pyramid has. Tiles of one level are in Morton order. A tile is split iff data or falloff touch it and
+/// it is not on the bottom level; the four children of a split tile are all stored, both roots always are.
 class TilePlan {
  public:
   /// Marks the bottom tiles that posts other than the base touch, and their ancestors.
@@ -24,8 +24,8 @@ class TilePlan {
   /// Tiles of `level` that have stored children.
   const std::vector<TileKey>& split_tiles(int level) const { return split_[static_cast<std::size_t>(level)]; }
   bool is_split(const TileKey& key) const;
-  /// Whether a tile beside the edge has stored children. `line`, `along`: index of the line and of the edge on it, in tile
-  /// sides of `level`; the line of longitude 180 may be named from either end.
+  /// Whether a tile beside the edge has stored children. `line`, `along`: index of the line and of the edge on it, in
+  /// tile sides of `level`; the line of longitude 180 may be named from either end.
   bool is_edge_split(int level, bool vertical, std::int64_t line, std::int64_t along) const;
 
   /// All pieces of a level in storage order, each once.

@@ -10,8 +10,9 @@ namespace {
 using nlohmann::json;
 
 double percent_of_posts(std::uint64_t n, const BuildReport& report) {
-  return report.manifest.n_source_posts ? 100.0 * static_cast<double>(n) / static_cast<double>(report.manifest.n_source_posts)
-                                        : 0.0;
+  return report.manifest.n_source_posts
+             ? 100.0 * static_cast<double>(n) / static_cast<double>(report.manifest.n_source_posts)
+             : 0.0;
 }
 
 }  // namespace
@@ -71,8 +72,9 @@ std::string report_json(const BuildReport& report) {
 
 std::string report_text(const BuildReport& report) {
   const Manifest& m = report.manifest;
-  std::string out = fmt::format("{:>5} {:>11} {:>7} {:>10} {:>10} {:>8} {:>9} {:>10} {:>10} {:>11}\n", "level", "E_L m",
-                                "tiles", "vertices", "of border", "% posts", "RMSE m", "max err m", "triangles", "bytes");
+  std::string out =
+      fmt::format("{:>5} {:>11} {:>7} {:>10} {:>10} {:>8} {:>9} {:>10} {:>10} {:>11}\n", "level", "E_L m", "tiles",
+                  "vertices", "of border", "% posts", "RMSE m", "max err m", "triangles", "bytes");
   for (const LevelInfo& info : m.levels) {
     out += fmt::format("{:>5} {:>11.2f} {:>7} {:>10} {:>10} {:>8.3f} {:>9.2f} {:>10.2f} {:>10} {:>11}\n", info.level,
                        info.tolerance_m, info.n_tiles, info.n_vertices, info.n_border_vertices,
@@ -83,8 +85,8 @@ std::string report_text(const BuildReport& report) {
   if (report.counts.filled) out += fmt::format(", {} in interior voids filled smoothly", report.counts.filled);
   out += fmt::format(", {} in the falloff to {} m", report.counts.falloff, m.base_height_m);
   if (report.counts.disagreeing) {
-    out += fmt::format("; {} of {} shared posts disagree, by at most {:.2f} m from their mean", report.counts.disagreeing,
-                       report.counts.overlapping, m.disagreement_m);
+    out += fmt::format("; {} of {} shared posts disagree, by at most {:.2f} m from their mean",
+                       report.counts.disagreeing, report.counts.overlapping, m.disagreement_m);
   }
   return out + fmt::format("\n{:.1f} MB in {:.1f} s with {} threads\n", static_cast<double>(report.file_bytes) / 1e6,
                            report.seconds, report.threads);

@@ -7,8 +7,8 @@
 
 namespace tind {
 
-/// The report of a build as JSON (docs: tind-build manual): the manifest's figures, a table per level with the vertices'
-/// breakdown, times and counts. Not deterministic: it holds times.
+/// The report of a build as JSON (docs: tind-build manual): the manifest's figures, a table per level with the
+/// vertices' breakdown, times and counts. Not deterministic: it holds times.
 std::string report_json(const BuildReport& report);
 
 /// The same as a table for a person, at most 110 columns wide.

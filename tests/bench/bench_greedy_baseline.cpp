@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Plain greedy triangulation of all posts of a DEM in ONE mesh (Garland & Heckbert 1995): no tiles, borders, seeds, nesting or
-// guard. What a pyramid's level costs more than this is the price of seams and levels.
+// Plain greedy triangulation of all posts of a DEM in ONE mesh (Garland & Heckbert 1995): no tiles, borders, seeds,
+// nesting or guard. What a pyramid's level costs more than this is the price of seams and levels.
 //   bench_greedy_baseline DEM TOLERANCE_M...         prints the vertices for each tolerance
-//   bench_greedy_baseline DEM --report REPORT.json   adds the overhead to each level of a report of tind-build and prints it
+//   bench_greedy_baseline DEM --report REPORT.json   adds the overhead to each level of a report of tind-build and
+//   prints it
 
 #include <CGAL/Delaunay_triangulation_2.h>
 #include <CGAL/Exact_predicates_inexact_constructions_kernel.h>
@@ -27,8 +28,8 @@
 namespace {
 
 using Kernel = CGAL::Exact_predicates_inexact_constructions_kernel;
-using VertexBase = CGAL::Triangulation_vertex_base_with_info_2<double, Kernel>;     // height
-using FaceBase = CGAL::Triangulation_face_base_with_info_2<unsigned, Kernel>;       // stamp
+using VertexBase = CGAL::Triangulation_vertex_base_with_info_2<double, Kernel>;  // height
+using FaceBase = CGAL::Triangulation_face_base_with_info_2<unsigned, Kernel>;    // stamp
 using Mesh = CGAL::Delaunay_triangulation_2<Kernel, CGAL::Triangulation_data_structure_2<VertexBase, FaceBase>>;
 
 struct Candidate {
@@ -124,8 +125,8 @@ constexpr std::size_t kFewVertices = 200;
 
 int add_to_report(const tind::HeightField& field, const std::string& path) {
   nlohmann::json report = nlohmann::json::parse(std::ifstream(path));
-  fmt::print("{:>5} {:>10} {:>10} {:>10} {:>9} {:>7} {:>8} {:>10} {:>12}\n", "level", "E_L m", "plain", "tind", "outside",
-             "seeds", "border", "overhead %", "apart from *");
+  fmt::print("{:>5} {:>10} {:>10} {:>10} {:>9} {:>7} {:>8} {:>10} {:>12}\n", "level", "E_L m", "plain", "tind",
+             "outside", "seeds", "border", "overhead %", "apart from *");
   for (auto& level : report["levels"]) {
     const auto plain = Greedy(field, level["tolerance_m"]).run();
     const auto count = [&](const char* name) { return level[name].get<double>(); };
@@ -136,16 +137,17 @@ int add_to_report(const tind::HeightField& field, const std::string& path) {
     level["vertices_plain_greedy"] = plain;
     level["overhead_percent"] = percent;
     level["overhead_percent_without_borders_and_seeds"] = apart;
-    fmt::print("{:>5} {:>10.2f} {:>10} {:>10} {:>9} {:>7} {:>8} ", level["level"].get<int>(), count("tolerance_m"), plain,
-               count("vertices"), count("vertices_outside"), count("vertices_seed"), border);
+    fmt::print("{:>5} {:>10.2f} {:>10} {:>10} {:>9} {:>7} {:>8} ", level["level"].get<int>(), count("tolerance_m"),
+               plain, count("vertices"), count("vertices_outside"), count("vertices_seed"), border);
     if (plain < kFewVertices) {
       fmt::print("{:>10} {:>12}\n", "-", "-");
     } else {
       fmt::print("{:>10.2f} {:>12.2f}\n", percent, apart);
     }
   }
-  fmt::print("plain: one mesh over all posts, no tiles. overhead: of the vertices inside the data.\n"
-             "* borders (corners among them) and seeds taken out of the count.\n");
+  fmt::print(
+      "plain: one mesh over all posts, no tiles. overhead: of the vertices inside the data.\n"
+      "* borders (corners among them) and seeds taken out of the count.\n");
   std::ofstream(path) << report.dump(2) << "\n";
   return 0;
 }

@@ -52,7 +52,9 @@ const Dataset& dataset() {
 }
 
 tind::VirtualNode read_tile(const tind::TileStore::Snapshot& snapshot, const tind::TileKey& key) {
-  const auto record = [&](const tind::PieceKey& piece) { return value_or_exit(tind::unpack_value(*snapshot.find(piece))); };
+  const auto record = [&](const tind::PieceKey& piece) {
+    return value_or_exit(tind::unpack_value(*snapshot.find(piece)));
+  };
   const auto pieces = tind::pieces_of(key);
   tind::TilePieces parts;
   for (std::size_t b = 0; b < 4; ++b) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Input: a lattice level (u8), then points (u32 x, u32 y, i16 z, u8 kind) that are inserted one by one into a square; kinds
-// 1..4 put the point on a side, kind 255 breaks a triangle of the finished mesh instead.
+// Input: a lattice level (u8), then points (u32 x, u32 y, i16 z, u8 kind) that are inserted one by one into a square;
+// kinds 1..4 put the point on a side, kind 255 breaks a triangle of the finished mesh instead.
 #include <algorithm>
 
 #include "core/format/mesh_rounding.hpp"
@@ -35,7 +35,8 @@ struct Square {
     std::vector<tind::Triangle> next;
     for (const auto& t : triangles) {
       std::array<Wide, 3> turn;
-      for (std::size_t k = 0; k < 3; ++k) turn[k] = doubled_area(plan(points[t[k]]), plan(points[t[(k + 1) % 3]]), plan(p));
+      for (std::size_t k = 0; k < 3; ++k)
+        turn[k] = doubled_area(plan(points[t[k]]), plan(points[t[(k + 1) % 3]]), plan(p));
       if (*std::min_element(turn.begin(), turn.end()) < 0) {
         next.push_back(t);
         continue;
@@ -47,7 +48,11 @@ struct Square {
     triangles = std::move(next);
   }
   std::int64_t along_ring(const tind::LocalVertex& p) const {
-    return p.y == 0 ? p.x : p.x == side ? side + p.y : p.y == side ? 3 * side - p.x : p.x == 0 ? 4 * side - p.y : 5 * side;
+    return p.y == 0      ? p.x
+           : p.x == side ? side + p.y
+           : p.y == side ? 3 * side - p.x
+           : p.x == 0    ? 4 * side - p.y
+                         : 5 * side;
   }
   tind::VirtualNode node() const {
     std::vector<std::uint32_t> order(points.size()), place(points.size());
@@ -101,7 +106,8 @@ int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   require(mesh.has_value(), "every triangulation can be rounded");
   Wide sum = 0;
   for (const auto& t : mesh->triangles) {
-    const Wide area = doubled_area(plan(mesh->positions[t[0]]), plan(mesh->positions[t[1]]), plan(mesh->positions[t[2]]));
+    const Wide area =
+        doubled_area(plan(mesh->positions[t[0]]), plan(mesh->positions[t[1]]), plan(mesh->positions[t[2]]));
     require(area > 0, "no triangle is flat or turned over");
     sum += area;
   }

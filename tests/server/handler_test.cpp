@@ -61,8 +61,8 @@ class HandlerTest : public testing::Test {
     site_ = std::move(*site);
   }
   Response get(const std::string& target, std::optional<std::string> encoding = std::nullopt,
-               std::optional<std::string> if_none_match = std::nullopt, std::optional<std::string> accept = std::nullopt,
-               const std::string& method = "GET") {
+               std::optional<std::string> if_none_match = std::nullopt,
+               std::optional<std::string> accept = std::nullopt, const std::string& method = "GET") {
     const auto view = [](const std::optional<std::string>& text) {
       return text ? std::optional<std::string_view>(*text) : std::nullopt;
     };
@@ -73,11 +73,25 @@ class HandlerTest : public testing::Test {
   Handler handler_{site_, std::size_t{1} << 22};
 };
 
-const char* const kAllRoutes[] = {"/", "/world/", "/datasets", "/world/meta.json", "/world/layer.json",
-                                  "/world/1/2/1.terrain", "/world/1/2/1.vn", "/world/1/2/1.parts",
-                                  "/world/corner/1/4/1", "/world/edge/1/h/3/2", "/world/edge/1/v/4/1",
-                                  "/world/body/1/3/1", "/world/codes/1/3/1", "/health", "/ready", "/tind/globe.js",
-                                  "/tind/style.css", "/cesium/Cesium.js", "/cesium/Widgets/a.png"};
+const char* const kAllRoutes[] = {"/",
+                                  "/world/",
+                                  "/datasets",
+                                  "/world/meta.json",
+                                  "/world/layer.json",
+                                  "/world/1/2/1.terrain",
+                                  "/world/1/2/1.vn",
+                                  "/world/1/2/1.parts",
+                                  "/world/corner/1/4/1",
+                                  "/world/edge/1/h/3/2",
+                                  "/world/edge/1/v/4/1",
+                                  "/world/body/1/3/1",
+                                  "/world/codes/1/3/1",
+                                  "/health",
+                                  "/ready",
+                                  "/tind/globe.js",
+                                  "/tind/style.css",
+                                  "/cesium/Cesium.js",
+                                  "/cesium/Widgets/a.png"};
 
 TEST_F(HandlerTest, EveryRouteAnswersWithExactLengthTypeAndCors) {
   for (const char* target : kAllRoutes) {

@@ -35,8 +35,10 @@ TEST(LayerJson, RectanglesCoverExactlyTheStoredTiles) {
 }
 
 TEST(LayerJson, JoinsRunsAndRows) {
-  const std::vector<TileRun> rows = {{2, 4, 5, TileCoverage::kFiller}, {2, 6, 9, TileCoverage::kReal},
-                                     {3, 4, 9, TileCoverage::kReal},   {4, 4, 9, TileCoverage::kPartial},
+  const std::vector<TileRun> rows = {{2, 4, 5, TileCoverage::kFiller},
+                                     {2, 6, 9, TileCoverage::kReal},
+                                     {3, 4, 9, TileCoverage::kReal},
+                                     {4, 4, 9, TileCoverage::kPartial},
                                      {6, 4, 9, TileCoverage::kReal}};
   EXPECT_EQ(available_rectangles(rows), (std::vector<TileRectangle>{{4, 2, 9, 4}, {4, 6, 9, 6}}));
   EXPECT_TRUE(available_rectangles({}).empty());
@@ -66,8 +68,7 @@ TEST(LayerJson, HasEveryFieldThatAClientNeeds) {
   EXPECT_EQ(layer.at("attribution"), "someone");
   EXPECT_FALSE(layer.contains("metadataAvailability"));
   ASSERT_EQ(layer.at("available").size(), 3u);
-  EXPECT_EQ(layer.at("available")[1],
-            nlohmann::json::parse(R"([{"startX":0,"startY":0,"endX":1,"endY":0}])"));
+  EXPECT_EQ(layer.at("available")[1], nlohmann::json::parse(R"([{"startX":0,"startY":0,"endX":1,"endY":0}])"));
 }
 
 }  // namespace

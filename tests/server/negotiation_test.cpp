@@ -37,8 +37,10 @@ TEST(Negotiation, MatchesEntityTagsWeaklyInLists) {
 }
 
 TEST(Negotiation, FindsNormalsInAcceptAndQuery) {
-  EXPECT_TRUE(wants_normals("application/vnd.quantized-mesh;extensions=octvertexnormals-watermask-metadata,"
-                            "application/octet-stream;q=0.9,*/*;q=0.01", std::nullopt));
+  EXPECT_TRUE(
+      wants_normals("application/vnd.quantized-mesh;extensions=octvertexnormals-watermask-metadata,"
+                    "application/octet-stream;q=0.9,*/*;q=0.01",
+                    std::nullopt));
   EXPECT_TRUE(wants_normals(std::nullopt, "octvertexnormals-metadata"));
   EXPECT_TRUE(wants_normals("application/vnd.quantized-mesh;extensions=\"octvertexnormals\"", std::nullopt));
   EXPECT_FALSE(wants_normals("application/vnd.quantized-mesh,application/octet-stream;q=0.9,*/*;q=0.01", std::nullopt));

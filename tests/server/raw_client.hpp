@@ -24,7 +24,8 @@ class RawClient {
   RawClient& operator=(const RawClient&) = delete;
 
   bool send(const std::string& bytes);
-  /// The next answer; status 0 when the connection ended or nothing came for five seconds. `has_body`: false after HEAD.
+  /// The next answer; status 0 when the connection ended or nothing came for five seconds. `has_body`: false after
+  /// HEAD.
   RawAnswer receive(bool has_body = true);
   /// True iff the peer closes within the time, whatever it sends before.
   bool closes_within(int milliseconds);

@@ -17,8 +17,9 @@ ParsedRequest parse(const std::string& block) {
 }
 
 TEST(RequestParser, KeepsWhatTheHandlerNeeds) {
-  const auto r = parse("GET /a?b HTTP/1.1\r\nhost: h\r\nACCEPT: x\r\nAccept-Encoding: gzip\r\nAccept-Encoding: zstd\r\n"
-                       "If-None-Match: \"t\"\r\nX-Other: y\r\n\r\n");
+  const auto r = parse(
+      "GET /a?b HTTP/1.1\r\nhost: h\r\nACCEPT: x\r\nAccept-Encoding: gzip\r\nAccept-Encoding: zstd\r\n"
+      "If-None-Match: \"t\"\r\nX-Other: y\r\n\r\n");
   EXPECT_EQ(r.method, "GET");
   EXPECT_EQ(r.target, "/a?b");
   EXPECT_EQ(r.accept, "x");
@@ -47,8 +48,10 @@ TEST(RequestParser, RefusesWhatAServerMustRefuse) {
       {"blank before colon", "GET / HTTP/1.1\r\nHost : a\r\n\r\n", 400},
       {"xchunked", "GET / HTTP/1.1\r\nHost: a\r\nTransfer-Encoding: xchunked\r\n\r\n", 501},
       {"chunked twice", "GET / HTTP/1.1\r\nHost: a\r\nTransfer-Encoding: chunked, chunked\r\n\r\n", 501},
-      {"two codings", "GET / HTTP/1.1\r\nHost: a\r\nTransfer-Encoding: chunked\r\nTransfer-Encoding: chunked\r\n\r\n", 400},
-      {"length and coding", "GET / HTTP/1.1\r\nHost: a\r\nContent-Length: 3\r\nTransfer-Encoding: chunked\r\n\r\n", 400},
+      {"two codings", "GET / HTTP/1.1\r\nHost: a\r\nTransfer-Encoding: chunked\r\nTransfer-Encoding: chunked\r\n\r\n",
+       400},
+      {"length and coding", "GET / HTTP/1.1\r\nHost: a\r\nContent-Length: 3\r\nTransfer-Encoding: chunked\r\n\r\n",
+       400},
       {"coding in 1.0", "GET / HTTP/1.0\r\nTransfer-Encoding: chunked\r\n\r\n", 400},
       {"two lengths", "GET / HTTP/1.1\r\nHost: a\r\nContent-Length: 3\r\nContent-Length: 4\r\n\r\n", 400},
       {"bad length", "GET / HTTP/1.1\r\nHost: a\r\nContent-Length: 3x\r\n\r\n", 400},

@@ -47,17 +47,39 @@ TEST(Route, FindsEveryRouteOfTheTable) {
 }
 
 TEST(Route, KeysOutOfRangeAre404) {
-  for (const char* target :
-       {"/a/0/2/0.vn", "/a/0/0/1.vn", "/a/29/0/0.vn", "/a/1/4/0.terrain", "/a/4294967296/0/0.vn", "/a/0/0/4294967296.vn",
-        "/a/corner/0/3/0", "/a/corner/0/0/2", "/a/edge/0/h/2/0", "/a/edge/0/v/0/1", "/a/body/0/0/1", "/a/codes/0/2/0",
-        "/a/edge/0/x/0/0", "/a/0/0/0.png", "/a/0/0/0", "/a/0/0/.vn", "/a/00/0/0.vn", "/a/0/01/0.vn", "/a/+0/0/0.vn",
-        "/a/-0/0/0.vn", "/a/0/0/0.vn/", "/a/b", "/a/0/0", "/a/x/0/0/0", "/tind/x", "/a/0x0/0/0.vn"}) {
+  for (const char* target : {"/a/0/2/0.vn",
+                             "/a/0/0/1.vn",
+                             "/a/29/0/0.vn",
+                             "/a/1/4/0.terrain",
+                             "/a/4294967296/0/0.vn",
+                             "/a/0/0/4294967296.vn",
+                             "/a/corner/0/3/0",
+                             "/a/corner/0/0/2",
+                             "/a/edge/0/h/2/0",
+                             "/a/edge/0/v/0/1",
+                             "/a/body/0/0/1",
+                             "/a/codes/0/2/0",
+                             "/a/edge/0/x/0/0",
+                             "/a/0/0/0.png",
+                             "/a/0/0/0",
+                             "/a/0/0/.vn",
+                             "/a/00/0/0.vn",
+                             "/a/0/01/0.vn",
+                             "/a/+0/0/0.vn",
+                             "/a/-0/0/0.vn",
+                             "/a/0/0/0.vn/",
+                             "/a/b",
+                             "/a/0/0",
+                             "/a/x/0/0/0",
+                             "/tind/x",
+                             "/a/0x0/0/0.vn"}) {
     EXPECT_EQ(status(target), 404) << target;
   }
 }
 
 TEST(Route, MalformedTargetsAre400) {
-  for (const char* target : {"", "x", "*", "/%", "/%4", "/%zz", "/a b", "/a\x80", "/a\x01", "/a#b", "ftp://h/", "//\x7f"}) {
+  for (const char* target :
+       {"", "x", "*", "/%", "/%4", "/%zz", "/a b", "/a\x80", "/a\x01", "/a#b", "ftp://h/", "//\x7f"}) {
     EXPECT_EQ(status(target), 400) << target;
   }
 }

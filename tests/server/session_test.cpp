@@ -101,7 +101,8 @@ TEST_F(SessionTest, HeadAnd304AndOptionsHaveNoBody) {
   EXPECT_EQ(head.status, 200);
   EXPECT_GT(std::stoul(head.field("Content-Length")), 1000u);
   EXPECT_EQ(client.receive().body, "ok\n");
-  client.send("GET /world/1/0/0.vn HTTP/1.1\r\nHost: h\r\nIf-None-Match: " + head.field("ETag") + "\r\n\r\n"
+  client.send("GET /world/1/0/0.vn HTTP/1.1\r\nHost: h\r\nIf-None-Match: " + head.field("ETag") +
+              "\r\n\r\n"
               "OPTIONS * HTTP/1.1\r\nHost: h\r\n\r\nGET /health HTTP/1.1\r\nHost: h\r\n\r\n");
   const RawAnswer same = client.receive();
   EXPECT_EQ(same.status, 304);
@@ -157,8 +158,8 @@ TEST_F(SessionTest, BodyOfAGetIsReadPastOrTheConnectionEnds) {
   EXPECT_EQ(small.receive().body, "ok\n");
   small.send("TP/1.1\r\nHost: h\r\n\r\n......GET /ready HTTP/1.1\r\nHost: h\r\n\r\n");
   EXPECT_EQ(small.receive().body, "ready\n");
-  for (const char* fields : {"Content-Length: 100000000", "Transfer-Encoding: chunked",
-                             "Content-Length: 10\r\nExpect: 100-continue"}) {
+  for (const char* fields :
+       {"Content-Length: 100000000", "Transfer-Encoding: chunked", "Content-Length: 10\r\nExpect: 100-continue"}) {
     RawClient large(port_);
     large.send(std::string("GET /health HTTP/1.1\r\nHost: h\r\n") + fields + "\r\n\r\n");
     const RawAnswer answer = large.receive();
@@ -216,7 +217,8 @@ TEST_F(SessionTest, SlowReaderIsCutAndDisturbsNobody) {
 TEST_F(SessionTest, SlowReaderGetsEveryByteWhileItGoesOn) {
   start({}, kLargeTiles);
   RawClient slow(port_, 4096), fast(port_);
-  const std::string request = "GET /world/1/1/1.vn HTTP/1.1\r\nHost: h\r\n\r\nGET /world/1/1/1.parts HTTP/1.1\r\nHost: h\r\n\r\n";
+  const std::string request =
+      "GET /world/1/1/1.vn HTTP/1.1\r\nHost: h\r\n\r\nGET /world/1/1/1.parts HTTP/1.1\r\nHost: h\r\n\r\n";
   std::string many;
   for (int k = 0; k < 40; ++k) many += request;
   slow.send(many);

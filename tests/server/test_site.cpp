@@ -16,7 +16,9 @@ namespace {
 
 constexpr int kLevels = 2;
 
-std::int32_t height_at(std::int64_t x, std::int64_t y) { return static_cast<std::int32_t>(((x >> 7) * 31 + (y >> 7) * 17) % 5000); }
+std::int32_t height_at(std::int64_t x, std::int64_t y) {
+  return static_cast<std::int32_t>(((x >> 7) * 31 + (y >> 7) * 17) % 5000);
+}
 
 EdgeChain make_edge(const Lattice& lattice, const PieceKey& key, std::uint32_t n_side) {
   const std::int64_t side = lattice.tile_side(key.level);
@@ -79,8 +81,9 @@ void write_pyramid(const std::string& path, std::uint32_t n_side) {
         for (const PieceKey& key : pieces_of({level, x, y})) {
           const PieceKey canonical = key.canonical();
           pieces[canonical] = key.kind == PieceKind::kCorner ? encode_corner({height_at(0, key.j)})
-                              : key.kind == PieceKind::kBody ? encode_body(make_body(manifest.lattice, key, n_side))
-                                                             : encode_edge(make_edge(manifest.lattice, canonical, n_side));
+                              : key.kind == PieceKind::kBody
+                                  ? encode_body(make_body(manifest.lattice, key, n_side))
+                                  : encode_edge(make_edge(manifest.lattice, canonical, n_side));
         }
       }
     }

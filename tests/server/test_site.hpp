@@ -16,7 +16,8 @@ struct TemporaryDirectory {
   TemporaryDirectory& operator=(const TemporaryDirectory&) = delete;
 };
 
-/// Writes a pyramid of levels 0 and 1 (ten tiles, all stored). Every side has `n_side` inner vertices, every tile one interior vertex.
+/// Writes a pyramid of levels 0 and 1 (ten tiles, all stored). Every side has `n_side` inner vertices, every tile one
+/// interior vertex.
 void write_pyramid(const std::string& path, std::uint32_t n_side = 60);
 
 /// Writes some files that pass for CesiumJS, and one outside of it at `directory`/secret.txt.
