@@ -4,7 +4,8 @@
 #include <nlohmann/json.hpp>
 
 #include <algorithm>
-#include <cmath>
+#include <stdexcept>
+#include <utility>
 
 namespace tind {
 namespace {
@@ -37,35 +38,48 @@ json level_to_json(const LevelInfo& level) {
           {"rows", std::move(rows)}};
 }
 
+// A whole number in T's range: nlohmann itself casts blindly. Throws as level_from_json does.
+template <class T>
+T whole(const json& j) {
+  if (j.is_number_unsigned()) {
+    const auto value = j.get<std::uint64_t>();
+    if (std::in_range<T>(value)) return static_cast<T>(value);
+  } else if (j.is_number_integer()) {
+    const auto value = j.get<std::int64_t>();
+    if (std::in_range<T>(value)) return static_cast<T>(value);
+  }
+  throw std::out_of_range("a whole number is expected, or one in range");
+}
+
 // Throws json::exception or std::out_of_range on anything odd; decode_manifest catches.
 LevelInfo level_from_json(const json& j, int index) {
   LevelInfo level;
-  level.level = j.at("level").get<int>();
+  level.level = whole<int>(j.at("level"));
   if (level.level != index) throw std::out_of_range("levels are not in order");
   level.tolerance_m = j.at("tolerance_m").get<double>();
   level.spacing_m = j.at("spacing_m").get<double>();
   level.height_step_m = j.at("height_step_m").get<double>();
   if (!(level.tolerance_m > 0) || !(level.height_step_m > 0)) throw std::out_of_range("tolerance or step not positive");
-  level.n_tiles = j.at("n_tiles").get<std::uint64_t>();
-  level.n_real = j.at("n_real").get<std::uint64_t>();
-  level.n_partial = j.at("n_partial").get<std::uint64_t>();
-  level.n_filler = j.at("n_filler").get<std::uint64_t>();
-  level.n_vertices = j.at("n_vertices").get<std::uint64_t>();
-  level.n_border_vertices = j.at("n_border_vertices").get<std::uint64_t>();
-  level.n_seed_vertices = j.at("n_seed_vertices").get<std::uint64_t>();
-  level.n_triangles = j.at("n_triangles").get<std::uint64_t>();
-  level.n_posts = j.at("n_posts").get<std::uint64_t>();
+  level.n_tiles = whole<std::uint64_t>(j.at("n_tiles"));
+  level.n_real = whole<std::uint64_t>(j.at("n_real"));
+  level.n_partial = whole<std::uint64_t>(j.at("n_partial"));
+  level.n_filler = whole<std::uint64_t>(j.at("n_filler"));
+  level.n_vertices = whole<std::uint64_t>(j.at("n_vertices"));
+  level.n_border_vertices = whole<std::uint64_t>(j.at("n_border_vertices"));
+  level.n_seed_vertices = whole<std::uint64_t>(j.at("n_seed_vertices"));
+  level.n_triangles = whole<std::uint64_t>(j.at("n_triangles"));
+  level.n_posts = whole<std::uint64_t>(j.at("n_posts"));
   level.max_error_m = j.at("max_error_m").get<double>();
   level.rmse_m = j.at("rmse_m").get<double>();
-  level.bytes = j.at("bytes").get<std::uint64_t>();
+  level.bytes = whole<std::uint64_t>(j.at("bytes"));
   const json& rows = j.at("rows");
   level.rows.reserve(rows.size());
   for (const json& r : rows) {
     TileRun run;
-    run.y = r.at(0).get<std::uint32_t>();
-    run.x_first = r.at(1).get<std::uint32_t>();
-    run.x_last = r.at(2).get<std::uint32_t>();
-    const int coverage = r.at(3).get<int>();
+    run.y = whole<std::uint32_t>(r.at(0));
+    run.x_first = whole<std::uint32_t>(r.at(1));
+    run.x_last = whole<std::uint32_t>(r.at(2));
+    const int coverage = whole<int>(r.at(3));
     if (coverage < 0 || coverage > 2 || run.x_first > run.x_last || run.x_last >= TileKey::count_x(index) ||
         run.y >= TileKey::count_y(index)) {
       throw std::out_of_range("a row of tiles is out of range");
@@ -136,7 +150,7 @@ Result<Manifest> decode_manifest(ByteView text) {
     const json j = json::parse(text.begin(), text.end());
     if (j.at("format").get<std::string>() != "tind") return fail(ErrorKind::kCorrupt, "manifest: not tind's");
     Manifest m;
-    m.format_version = j.at("format_version").get<int>();
+    m.format_version = whole<int>(j.at("format_version"));
     if (m.format_version != kFormatVersion) {
       return fail(ErrorKind::kUnsupported, "format version " + std::to_string(m.format_version) +
                                                "; this program reads " + std::to_string(kFormatVersion) +
@@ -150,24 +164,24 @@ Result<Manifest> decode_manifest(ByteView text) {
     m.lattice.ellipsoid.name = ellipsoid.at("name").get<std::string>();
     m.lattice.ellipsoid.semi_major_m = ellipsoid.at("semi_major_m").get<double>();
     m.lattice.ellipsoid.inverse_flattening = ellipsoid.at("inverse_flattening").get<double>();
-    m.lattice.level = j.at("lattice_level").get<int>();
-    m.lattice.height_exponent = j.at("height_exponent").get<int>();
-    m.bottom_level = j.at("bottom_level").get<int>();
+    m.lattice.level = whole<int>(j.at("lattice_level"));
+    m.lattice.height_exponent = whole<int>(j.at("height_exponent"));
+    m.bottom_level = whole<int>(j.at("bottom_level"));
     m.base_height_m = j.at("base_height_m").get<double>();
-    m.falloff_posts = j.at("falloff_posts").get<int>();
+    m.falloff_posts = whole<int>(j.at("falloff_posts"));
     m.disagreement_m = j.at("disagreement_m").get<double>();
     m.bounds_deg = j.at("bounds_deg").get<std::array<double, 4>>();
     m.spacing_deg = j.at("spacing_deg").get<std::array<double, 2>>();
     for (const json& s : j.at("sources")) {
       m.sources.push_back({s.at("name").get<std::string>(), s.at("sha256").get<std::string>(),
-                           s.at("n_cols").get<std::int64_t>(), s.at("n_rows").get<std::int64_t>()});
+                           whole<std::int64_t>(s.at("n_cols")), whole<std::int64_t>(s.at("n_rows"))});
     }
-    m.n_source_posts = j.at("posts").at("source").get<std::uint64_t>();
-    m.n_filled_posts = j.at("posts").at("filled").get<std::uint64_t>();
-    m.n_falloff_posts = j.at("posts").at("falloff").get<std::uint64_t>();
+    m.n_source_posts = whole<std::uint64_t>(j.at("posts").at("source"));
+    m.n_filled_posts = whole<std::uint64_t>(j.at("posts").at("filled"));
+    m.n_falloff_posts = whole<std::uint64_t>(j.at("posts").at("falloff"));
     m.options_json = j.at("options").dump();
     m.content_hash = j.at("content_hash").get<std::string>();
-    if (j.at("root_count_x").get<int>() != kRootCountX || m.bottom_level < 0 || m.lattice.level > kMaxLevel ||
+    if (whole<int>(j.at("root_count_x")) != kRootCountX || m.bottom_level < 0 || m.lattice.level > kMaxLevel ||
         m.bottom_level > m.lattice.level || m.lattice.height_exponent < 0 || m.lattice.height_exponent > 16 ||
         !(m.lattice.ellipsoid.semi_major_m > 0) || !(m.lattice.ellipsoid.inverse_flattening > 1)) {
       return fail(ErrorKind::kCorrupt, "manifest: a member is out of range");
