@@ -16,6 +16,11 @@ void* operator new(std::size_t n) {
   if (void* p = std::malloc(n)) return p;
   throw std::bad_alloc();
 }
+// std::stable_sort asks this way; its memory must go the way of ours under AddressSanitizer.
+void* operator new(std::size_t n, const std::nothrow_t&) noexcept {
+  g_largest_request = std::max(g_largest_request, n);
+  return std::malloc(n);
+}
 void operator delete(void* p) noexcept { std::free(p); }
 void operator delete(void* p, std::size_t) noexcept { std::free(p); }
 
