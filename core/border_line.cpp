@@ -6,6 +6,8 @@
 #include <cassert>
 #include <cmath>
 
+#include "core/format/quantized_mesh.hpp"
+
 namespace tind {
 namespace {
 
@@ -14,10 +16,6 @@ struct Sample {
   double height_m = 0;
   double rise_m = 0;  ///< Largest height difference to the posts beside it, across the line.
 };
-
-// Samples a side of the level's own grid where there are no posts.
-constexpr std::int64_t kGridCells = 256;
-constexpr double kServedSteps = 32767;
 
 class RootEdgeRefiner {
  public:
@@ -145,7 +143,7 @@ class RootEdgeRefiner {
     const double slope = (b_m - a_m) / (b_t - a_t);
     // Quantized-mesh rounds positions to 1/32767 of the side and heights to the level's step: samples are held to the
     // tolerance against that line, too.
-    const double served_step = static_cast<double>(field_.lattice.tile_side(level)) / kServedSteps;
+    const double served_step = static_cast<double>(field_.lattice.tile_side(level)) / kQuantizedSteps;
     const auto served = [&](const LineVertex& v) {
       const std::int64_t corner = v.t / field_.lattice.tile_side(level) * field_.lattice.tile_side(level);
       return static_cast<double>(corner) + std::round(static_cast<double>(v.t - corner) / served_step) * served_step;
@@ -175,7 +173,7 @@ class RootEdgeRefiner {
     for (; sample != samples_.end() && sample->t < b_t; ++sample) consider(sample->t, sample->height_m, sample->rise_m);
     const double base = field_.base_height_m;
     if (std::abs(a_m - base) > tolerance || std::abs(b_m - base) > tolerance) {
-      const std::int64_t step = field_.lattice.tile_side(level) / kGridCells;
+      const std::int64_t step = field_.lattice.tile_side(level) / kCellsPerTile;
       for (std::int64_t t = (a.t / step + 1) * step; t < b.t; t += step) {
         const double real_t = static_cast<double>(t);
         if (!field_.covers(x_of(real_t), y_of(real_t))) consider(real_t, base, 0);

@@ -22,7 +22,7 @@ constexpr int kMaxHeightExponent = 16;
 
 }  // namespace
 
-double top_spacing_deg() { return 360.0 / (kRootCountX * 256.0); }
+double top_spacing_deg() { return 360.0 / (kRootCountX * static_cast<double>(kCellsPerTile)); }
 
 int level_of_spacing(double spacing_deg) {
   assert(spacing_deg > 0);

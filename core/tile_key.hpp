@@ -10,6 +10,9 @@ namespace tind {
 /// Both Cesium clients take this tiling for granted (EPSG:4326, TMS).
 inline constexpr int kRootCountX = 2;
 
+/// Cells along a tile side of a level's own grid (the 256 of eq. 1).
+inline constexpr int kCellsPerTile = 256;
+
 /// Deepest level that keys, Morton codes and lattice coordinates can express.
 inline constexpr int kMaxLevel = 28;
 

@@ -14,6 +14,8 @@
 #include <queue>
 #include <unordered_set>
 
+#include "core/format/quantized_mesh.hpp"
+
 namespace tind {
 namespace {
 
@@ -38,10 +40,6 @@ using Vertex = Cdt::Vertex_handle;
 using Face = Cdt::Face_handle;
 
 __extension__ using Int128 = __int128;
-
-constexpr std::int64_t kGridCells = 256;
-// Quantized-mesh rounds positions to 1/32767 of the side: posts are held to the tolerance against that surface, too.
-constexpr double kServedSteps = 32767;
 
 // A regular grid of posts over the tile, in local lattice steps.
 struct PostWindow {
@@ -151,8 +149,8 @@ class TileRefiner {
     }
     PostWindow grid;
     grid.field_col = -1;
-    grid.dx = grid.dy = static_cast<double>(side_ / kGridCells);
-    grid.n_cols = grid.n_rows = kGridCells + 1;
+    grid.dx = grid.dy = static_cast<double>(side_ / kCellsPerTile);
+    grid.n_cols = grid.n_rows = kCellsPerTile + 1;
     windows_.push_back(grid);
   }
 
@@ -173,7 +171,7 @@ class TileRefiner {
         high = std::max(high, height_m(v.z));
       }
     }
-    const double step = std::exp2(std::ceil(std::log2(std::max(high - low, 0x1p-16) / kServedSteps)));
+    const double step = std::exp2(std::ceil(std::log2(std::max(high - low, 0x1p-16) / kQuantizedSteps)));
     return std::min(step, task_.height_step_m);
   }
 
@@ -259,7 +257,7 @@ class TileRefiner {
   // The same plane after quantized-mesh has rounded positions and border heights; the plane itself where that leaves no
   // area.
   Plane served_plane_of(Face f, const Plane& plane) const {
-    const double step = static_cast<double>(side_) / kServedSteps;
+    const double step = static_cast<double>(side_) / kQuantizedSteps;
     std::array<double, 3> x{}, y{}, z{};
     for (int i = 0; i < 3; ++i) {
       const VertexInfo& v = f->vertex(i)->info();

@@ -7,6 +7,7 @@
 #include <filesystem>
 
 #include "core/assembler.hpp"
+#include "core/format/fnv1a.hpp"
 #include "server/route.hpp"
 #include "storage/piece_blob.hpp"
 #include "storage/zstd_codec.hpp"
@@ -25,11 +26,11 @@ std::string tile_name(const Dataset& dataset, const TileKey& key) {
 }  // namespace
 
 std::string fingerprint(std::initializer_list<std::string_view> texts) {
-  std::uint64_t hash = 0xcbf29ce484222325u;
+  Fnv1a hash;
   for (const std::string_view text : texts) {
-    for (const char c : text) hash = (hash ^ static_cast<unsigned char>(c)) * 0x100000001b3u;
+    hash.add({reinterpret_cast<const std::uint8_t*>(text.data()), text.size()});
   }
-  return fmt::format("{:016x}", hash);
+  return hash.hex();
 }
 
 Result<Dataset> open_dataset(const std::string& path) {
@@ -49,7 +50,7 @@ Result<Dataset> open_dataset(const std::string& path) {
   auto manifest = decode_manifest(*json);
   if (!manifest) return broken(manifest.error());
   std::string text(json->begin(), json->end());
-  // The manifest has the sources' hashes, the options and each level's counts, bytes and errors.
+  // The manifest has a hash of all pieces.
   std::string version = fingerprint({text, TIND_VERSION});
   return Dataset{std::move(name), std::move(*store), std::move(*manifest), std::move(text), std::move(version)};
 }

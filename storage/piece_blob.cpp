@@ -112,17 +112,7 @@ Bytes encode_body(const TileBody& body) {
   out.uvarint(body.triangles.size());
   out.fixed(body.n_gaps);
   out.uvarint(body.virtual_triangles.size());
-  const auto column = [&](auto member) {
-    std::int64_t previous = 0;
-    for (const LocalVertex& v : body.interior) {
-      const std::int64_t value = v.*member;
-      out.svarint(value - previous);
-      previous = value;
-    }
-  };
-  column(&LocalVertex::x);
-  column(&LocalVertex::y);
-  column(&LocalVertex::z);
+  write_vertices(out, body.interior);
   write_triangles(out, body.triangles);
   write_virtual_triangles(out, body.virtual_triangles);
   return out.take();

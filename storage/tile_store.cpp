@@ -2,7 +2,6 @@
 #include "storage/tile_store.hpp"
 
 #include <fcntl.h>
-#include <fmt/format.h>
 #include <lmdb.h>
 #include <sys/stat.h>
 #include <unistd.h>
@@ -11,6 +10,8 @@
 #include <cassert>
 #include <cerrno>
 #include <cstring>
+
+#include "core/format/fnv1a.hpp"
 
 namespace tind {
 namespace {
@@ -139,11 +140,8 @@ struct TileStoreWriter::Impl {
   MDB_txn* txn = nullptr;
   MDB_dbi dbi = 0;
   std::size_t uncommitted_bytes = 0;
-  std::uint64_t hash = 0xcbf29ce484222325ull;
+  Fnv1a hash;
 
-  void add_to_hash(ByteView bytes) {
-    for (const std::uint8_t byte : bytes) hash = (hash ^ byte) * 0x100000001b3ull;
-  }
   ~Impl() {
     if (txn) mdb_txn_abort(txn);
     if (env) mdb_env_close(env);
@@ -180,8 +178,8 @@ Result<void> TileStoreWriter::append(const PieceKey& key, ByteView value) {
   assert(key.valid() && key == key.canonical());
   const auto bytes = key_bytes(key);
   if (const int code = impl_->put(bytes, value)) return tl::unexpected(lmdb_error(impl_->path, "writing", code));
-  impl_->add_to_hash(bytes);
-  impl_->add_to_hash(value);
+  impl_->hash.add(bytes);
+  impl_->hash.add(value);
   impl_->uncommitted_bytes += value.size() + kKeyBytes;
   if (impl_->uncommitted_bytes < kCommitBytes) return {};
   impl_->uncommitted_bytes = 0;
@@ -197,7 +195,7 @@ std::optional<ByteView> TileStoreWriter::find(const PieceKey& key) const {
   return get(impl_->txn, impl_->dbi, key_bytes(key));
 }
 
-std::string TileStoreWriter::content_hash() const { return fmt::format("{:016x}", impl_->hash); }
+std::string TileStoreWriter::content_hash() const { return impl_->hash.hex(); }
 
 Result<void> TileStoreWriter::finish(ByteView manifest_value) {
   int code = impl_->put(kManifestKey, manifest_value);

@@ -15,7 +15,7 @@ namespace {
 
 using Vector = std::array<double, 3>;
 
-constexpr std::int64_t kSteps = 32767;  // of positions and heights
+constexpr auto kSteps = static_cast<std::int64_t>(kQuantizedSteps);
 constexpr std::size_t kShortIndexVertices = 65536;
 constexpr std::uint8_t kOctNormalsExtension = 1;
 constexpr std::uint32_t kUnused = std::numeric_limits<std::uint32_t>::max();

@@ -10,6 +10,9 @@
 
 namespace tind {
 
+/// Positions and heights of a tile are whole steps 0..32767 of its side and its height range.
+inline constexpr double kQuantizedSteps = 32767;
+
 /// Smallest step of border heights in metres. With it every multiple up to 32 km is a 32-bit float, as the header of a
 /// tile needs; a level's own step is used where it is larger.
 inline constexpr double kSmallestBorderStepM = 0x1p-9;

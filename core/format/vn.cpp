@@ -3,6 +3,20 @@
 
 namespace tind {
 
+void write_vertices(ByteWriter& out, const std::vector<LocalVertex>& vertices) {
+  const auto column = [&](auto member) {
+    std::int64_t previous = 0;
+    for (const LocalVertex& v : vertices) {
+      const std::int64_t value = v.*member;
+      out.svarint(value - previous);
+      previous = value;
+    }
+  };
+  column(&LocalVertex::x);
+  column(&LocalVertex::y);
+  column(&LocalVertex::z);
+}
+
 void write_triangles(ByteWriter& out, const std::vector<Triangle>& triangles) {
   std::int64_t previous = 0;
   for (const Triangle& t : triangles) {
@@ -48,17 +62,7 @@ Bytes encode_vn(const Lattice& lattice, const VirtualNode& node, double toleranc
   for (int i = 0; i < 3; ++i) out.fixed(std::uint8_t{0});
   out.fixed(node.stats.n_posts);
   for (const auto& entries : node.side_entries) out.raw(entries);
-  const auto column = [&](auto member) {
-    std::int64_t previous = 0;
-    for (const LocalVertex& v : node.vertices) {
-      const std::int64_t value = v.*member;
-      out.svarint(value - previous);
-      previous = value;
-    }
-  };
-  column(&LocalVertex::x);
-  column(&LocalVertex::y);
-  column(&LocalVertex::z);
+  write_vertices(out, node.vertices);
   write_triangles(out, node.triangles);
   write_virtual_triangles(out, node.virtual_triangles);
   return out.take();

@@ -7,6 +7,8 @@
 
 namespace tind {
 
+/// Appends the x, y and z columns of docs/format.md 5 (shared by the body record and the VN tile).
+void write_vertices(ByteWriter& out, const std::vector<LocalVertex>& vertices);
 /// Appends the triangle list of docs/format.md 5 (shared by the body record and the VN tile).
 void write_triangles(ByteWriter& out, const std::vector<Triangle>& triangles);
 /// Appends the virtual triangle list of docs/format.md 5.

@@ -30,8 +30,6 @@ namespace tind {
 namespace {
 
 constexpr const char* kGenerator = "tind-build 0.1.0";
-// Quantized-mesh heights are 0..32767 steps.
-constexpr double kHeightSteps = 32767;
 // Sources that disagree by more than this part of E_bottom are not paid for with vertices, only reported.
 constexpr double kDisagreementShare = 1.0 / 8;
 // Margins never take more than this part of a tolerance.
@@ -129,7 +127,7 @@ TileCoverage coverage_of(const HeightField& field, const TileKey& key) {
 // Smallest power of two s with at most 32767 steps between a tile's lowest and highest height, both rounded outwards.
 double height_step_m(double low, double high) {
   double step = kSmallestBorderStepM;
-  while (std::ceil(high / step) - std::floor(low / step) > kHeightSteps) step *= 2;
+  while (std::ceil(high / step) - std::floor(low / step) > kQuantizedSteps) step *= 2;
   return step;
 }
 
@@ -274,7 +272,6 @@ class PyramidBuilder {
       RootEdge root;
       Bytes parent;
     };
-    std::string error;
     const auto prepare = [&](std::size_t i) {
       In in{roots[i], {}};
       if (level > 0) in.parent = parent_value(parent_of(roots[i]));
