@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <span>
 
 #include "core/lattice.hpp"
 
@@ -13,6 +14,31 @@ enum class PostOrigin : std::uint8_t {
   kSource = 1,   ///< A post of the source.
   kFilled = 2,   ///< Inside an interior void: filled smoothly.
   kFalloff = 3,  ///< Outside the data: on its way from the nearest values down to the base height.
+  /// Between the irregular posts of a point source: interpolated from them, held to no promise of its own.
+  kInterpolated = 4,
+};
+
+/// An irregular post: a kept point of a point source, at its own real lattice position.
+struct PointPost {
+  double x = 0, y = 0;
+  float height_m = 0;
+};
+
+/// The irregular posts of a height field, by blocks of a regular grid. Not owned; const access is thread safe.
+/// Block (r, c), row-major from the south-west, holds the points with x0 + c * side <= x < x0 + (c + 1) * side (y
+/// alike), ascending by (llround(y), llround(x)); no two points round to one lattice point.
+struct PointBlocks {
+  double x0 = 0, y0 = 0;  ///< Lattice position of the south-west corner; as HeightField::x0.
+  double side = 1;        ///< Lattice steps along a block.
+  std::int64_t n_rows = 0, n_cols = 0;
+  const std::uint64_t* first = nullptr;  ///< n_rows * n_cols + 1 offsets into `posts`.
+  const PointPost* posts = nullptr;
+
+  bool empty() const { return n_rows == 0; }
+  std::span<const PointPost> block(std::int64_t r, std::int64_t c) const {
+    const std::uint64_t *at = first + r * n_cols + c, n = at[1] - at[0];
+    return {posts + at[0], static_cast<std::size_t>(n)};
+  }
 };
 
 /// ONE height field for all levels: a regular grid of posts (source posts, filled voids and a rim of falloff) and the
@@ -38,6 +64,7 @@ struct HeightField {
   double disagreement_m = 0;            ///< Largest |source post - its height here| where overlapping sources disagree.
   const float* heights_m = nullptr;     ///< n_rows * n_cols
   const PostOrigin* origins = nullptr;  ///< n_rows * n_cols
+  PointBlocks points;                   ///< Irregular posts; empty for a raster.
 
   double post_x(std::int64_t c) const { return x0 + static_cast<double>(c) * dx; }
   double post_y(std::int64_t r) const { return y0 + static_cast<double>(r) * dy; }
