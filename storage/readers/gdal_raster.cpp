@@ -10,13 +10,13 @@
 #include <tuple>
 #include <utility>
 
-#include <cpl_error.h>
 #include <cpl_string.h>
 #include <cpl_vsi.h>
 #include <fmt/format.h>
 #include <gdal_priv.h>
 #include <ogr_spatialref.h>
 
+#include "storage/readers/gdal_errors.hpp"
 #include "storage/readers/sha256.hpp"
 
 namespace tind {
@@ -29,33 +29,6 @@ constexpr double kAlignPosts = 1e-3;
 constexpr double kSnapPosts = 1e-4;
 /// A raster that misses closing around the globe by less than this share of a post has a rounded spacing in its header.
 constexpr double kClosePosts = 0.1;
-
-/// Collects what GDAL would print while it lives: the first failure and the first warning. GDAL's handlers are per
-/// thread.
-class GdalErrors {
- public:
-  GdalErrors() { CPLPushErrorHandlerEx(&GdalErrors::handle, this); }
-  ~GdalErrors() { CPLPopErrorHandler(); }
-  GdalErrors(const GdalErrors&) = delete;
-  GdalErrors& operator=(const GdalErrors&) = delete;
-
-  bool failed() const { return !failure_.empty(); }
-  /// GDAL's own words in brackets with a space before, or nothing.
-  std::string detail() const {
-    const std::string& text = failure_.empty() ? warning_ : failure_;
-    return text.empty() ? "" : fmt::format(" (GDAL: {})", text);
-  }
-
- private:
-  static void CPL_STDCALL handle(CPLErr kind, CPLErrorNum, const char* text) {
-    auto* self = static_cast<GdalErrors*>(CPLGetErrorHandlerUserData());
-    std::string* slot = kind >= CE_Failure ? &self->failure_ : kind == CE_Warning ? &self->warning_ : nullptr;
-    if (slot == nullptr || !slot->empty()) return;
-    *slot = text == nullptr || *text == '\0' ? "no message" : text;
-    std::replace(slot->begin(), slot->end(), '\n', ' ');
-  }
-  std::string failure_, warning_;
-};
 
 std::string lower(std::string text) {
   std::transform(text.begin(), text.end(), text.begin(), [](unsigned char c) { return std::tolower(c); });
