@@ -2,66 +2,17 @@
 #include "storage/readers/height_grid.hpp"
 
 #include <algorithm>
-#include <cerrno>
 #include <cmath>
-#include <cstring>
-#include <limits>
 #include <span>
 #include <utility>
 
-#include <fcntl.h>
 #include <fmt/format.h>
-#include <stdlib.h>
-#include <sys/mman.h>
-#include <unistd.h>
 
+#include "storage/readers/scratch_map.hpp"
 #include "storage/readers/void_fill.hpp"
 
 namespace tind {
 namespace {
-
-/// Memory map of an unlinked file whose space on disk is reserved. Zero bytes at first.
-class ScratchMap {
- public:
-  static Result<ScratchMap> create(const std::string& folder, std::uint64_t n_bytes) {
-    const std::string where = folder.empty() ? "." : folder;
-    const auto refuse = [&](int error) {
-      return fail(ErrorKind::kIo, fmt::format("{}: cannot make a scratch file of {} MB for the posts: {}", where,
-                                              (n_bytes >> 20) + 1, std::strerror(error)));
-    };
-    if (n_bytes > static_cast<std::uint64_t>(std::numeric_limits<off_t>::max())) return refuse(EFBIG);
-    std::string name = where + "/.tind-scratch-XXXXXX";
-    const int fd = mkstemp(name.data());
-    if (fd < 0) return refuse(errno);
-    ::unlink(name.c_str());
-    if (const int error = posix_fallocate(fd, 0, static_cast<off_t>(n_bytes)); error != 0) {
-      ::close(fd);
-      return refuse(error);
-    }
-    void* address = ::mmap(nullptr, n_bytes, PROT_READ | PROT_WRITE, MAP_SHARED, fd, 0);
-    const int error = errno;
-    ::close(fd);
-    if (address == MAP_FAILED) return refuse(error);
-    return ScratchMap(address, n_bytes);
-  }
-  ScratchMap() = default;
-  ScratchMap(ScratchMap&& other) noexcept
-      : address_(std::exchange(other.address_, nullptr)), n_bytes_(std::exchange(other.n_bytes_, 0)) {}
-  ScratchMap& operator=(ScratchMap&& other) noexcept {
-    std::swap(address_, other.address_);
-    std::swap(n_bytes_, other.n_bytes_);
-    return *this;
-  }
-  ~ScratchMap() {
-    if (address_ != nullptr) ::munmap(address_, n_bytes_);
-  }
-  void* data() const { return address_; }
-
- private:
-  ScratchMap(void* address, std::uint64_t n_bytes) : address_(address), n_bytes_(n_bytes) {}
-  void* address_ = nullptr;
-  std::uint64_t n_bytes_ = 0;
-};
 
 /// Rows of the mosaic's grid while overlapping sources are merged.
 struct Strip {
