@@ -14,16 +14,20 @@ namespace {
 struct Sample {
   double t = 0;
   double height_m = 0;
-  double rise_m = 0;  ///< Largest height difference to the posts beside it, across the line.
+  /// What the tile's surface may differ from the line's at the post: as it lies off the line (at most half a lattice
+  /// step), its share of the rise to the posts beside it, across the line...
+  double rise_m = 0;
+  double off_line = 0;  ///< ...and of twice the tolerance: its distance from the line in post spacings.
 };
 
 class RootEdgeRefiner {
  public:
   RootEdgeRefiner(const HeightField& field, const RefinementSpec& spec, const RootEdge& root,
-                  const std::function<bool(int, std::int64_t)>& is_split)
-      : field_(field), spec_(spec), root_(root), is_split_(is_split) {
+                  std::span<const LineCrossing> crossings, const std::function<bool(int, std::int64_t)>& is_split)
+      : field_(field), spec_(spec), root_(root), crossings_(crossings), is_split_(is_split) {
     find_posts_on_line();
     collect_samples();
+    collect_points();
   }
 
   std::vector<LineVertex> run(std::span<const std::int64_t> pins) {
@@ -69,16 +73,16 @@ class RootEdgeRefiner {
 
   // The sample at post row or column `k`, at t.
   Sample make_sample(std::int64_t k, double t) const {
-    if (across_ < 0) return {t, field_.sample_m(x_of(t), y_of(t))};
+    if (across_ < 0) return {t, field_.sample_m(x_of(t), y_of(t)), 0, 0};
     const std::int64_t n = root_.vertical ? field_.n_cols : field_.n_rows;
     const auto height_at = [&](std::int64_t across) {
       return root_.vertical ? field_.height_at(k, across) : field_.height_at(across, k);
     };
-    Sample sample{t, height_at(across_)};
+    Sample sample{t, height_at(across_), 0, off_line_};
     for (std::int64_t beside : {across_ - 1, across_ + 1}) {
       if (root_.vertical && field_.wraps) beside = (beside + n) % n;
       if (beside < 0 || beside >= n) continue;
-      sample.rise_m = std::max(sample.rise_m, std::abs(height_at(beside) - sample.height_m));
+      sample.rise_m = std::max(sample.rise_m, off_line_ * std::abs(height_at(beside) - sample.height_m));
     }
     return sample;
   }
@@ -106,12 +110,37 @@ class RootEdgeRefiner {
     std::stable_sort(samples_.begin(), samples_.end(), [](const Sample& a, const Sample& b) { return a.t < b.t; });
   }
 
+  // Irregular posts that round onto the line: they cannot become vertices of the tiles beside it.
+  void collect_points() {
+    if (field_.points.empty()) return;
+    const double at = static_cast<double>(root_.at), start = static_cast<double>(root_.start);
+    const double end = start + static_cast<double>(field_.lattice.tile_side(root_.level));
+    const double width = static_cast<double>(field_.lattice.width());
+    const double spacing = root_.vertical ? field_.dx : field_.dy;
+    for (const double turn : {0.0, width}) {
+      const double shift_x = turn, west = (root_.vertical ? at - 1 : start - 1) + shift_x;
+      const double east = (root_.vertical ? at + 1 : end + 1) + shift_x;
+      field_.points.for_blocks(west, root_.vertical ? start - 1 : at - 1, east, root_.vertical ? end + 1 : at + 1,
+                               [&](const PointPost& p) {
+                                 const double x = p.x - shift_x;
+                                 const double across = root_.vertical ? x : p.y, t = root_.vertical ? p.y : x;
+                                 if (std::llround(across) != root_.at || t < start || t > end) return;
+                                 samples_.push_back({t, static_cast<double>(p.height_m), 0,
+                                                     std::abs(across - at) / spacing});
+                               });
+    }
+    std::stable_sort(samples_.begin(), samples_.end(), [](const Sample& a, const Sample& b) { return a.t < b.t; });
+  }
+
   // `vertices`: those inherited for the edge of `level` at `start`, both corners included. Appends all of the edge's
   // vertices to `out`; a corner that is already there is not repeated.
   void refine(int level, std::int64_t start, std::vector<LineVertex> vertices, std::vector<LineVertex>& out) {
     const std::int64_t side = field_.lattice.tile_side(level);
     const int segments = spec_.seed_segments[static_cast<std::size_t>(level)];
     for (int k = 1; k < segments; ++k) vertices.push_back(make_vertex(start + side / segments * k, level));
+    for (const LineCrossing& c : crossings_) {
+      if (c.entry == level && c.t > start && c.t < start + side) vertices.push_back(make_vertex(c.t, level));
+    }
     sort_unique(vertices);  // stable: what was inherited keeps its entry level
 
     std::vector<LineVertex> refined;
@@ -155,9 +184,9 @@ class RootEdgeRefiner {
     double worst = tolerance;
     std::int64_t worst_t = 0;
     bool found = false;
-    const auto consider = [&](double t, double height_m, double rise_m) {
+    const auto consider = [&](double t, double height_m, double rise_m, double off_line) {
       // A post off the line sees the tile's surface, which within the tolerance climbs as steeply as its neighbours do.
-      const double off_line_m = off_line_ * (rise_m + 2 * tolerance);
+      const double off_line_m = rise_m + off_line * 2 * tolerance;
       const double error = std::max(std::abs(a_m + slope * (t - a_t) - height_m),
                                     std::abs(served_a_m + served_slope * (t - served_a) - height_m)) +
                            off_line_m;
@@ -170,13 +199,15 @@ class RootEdgeRefiner {
     };
     auto sample =
         std::upper_bound(samples_.begin(), samples_.end(), a_t, [](double t, const Sample& s) { return t < s.t; });
-    for (; sample != samples_.end() && sample->t < b_t; ++sample) consider(sample->t, sample->height_m, sample->rise_m);
+    for (; sample != samples_.end() && sample->t < b_t; ++sample) {
+      consider(sample->t, sample->height_m, sample->rise_m, sample->off_line);
+    }
     const double base = field_.base_height_m;
     if (std::abs(a_m - base) > tolerance || std::abs(b_m - base) > tolerance) {
       const std::int64_t step = field_.lattice.tile_side(level) / kCellsPerTile;
       for (std::int64_t t = (a.t / step + 1) * step; t < b.t; t += step) {
         const double real_t = static_cast<double>(t);
-        if (!field_.covers(x_of(real_t), y_of(real_t))) consider(real_t, base, 0);
+        if (!field_.covers(x_of(real_t), y_of(real_t))) consider(real_t, base, 0, 0);
       }
     }
     if (!found) return;
@@ -189,6 +220,7 @@ class RootEdgeRefiner {
   const HeightField& field_;
   const RefinementSpec& spec_;
   const RootEdge root_;
+  const std::span<const LineCrossing> crossings_;
   const std::function<bool(int, std::int64_t)>& is_split_;
   std::vector<Sample> samples_;
   std::int64_t across_ = -1;  // the post row or column that rounds onto the line
@@ -198,9 +230,9 @@ class RootEdgeRefiner {
 }  // namespace
 
 std::vector<LineVertex> refine_root_edge(const HeightField& field, const RefinementSpec& spec, const RootEdge& root,
-                                         std::span<const std::int64_t> pins,
+                                         std::span<const std::int64_t> pins, std::span<const LineCrossing> crossings,
                                          const std::function<bool(int, std::int64_t)>& is_split) {
-  return RootEdgeRefiner(field, spec, root, is_split).run(pins);
+  return RootEdgeRefiner(field, spec, root, crossings, is_split).run(pins);
 }
 
 std::span<const LineVertex> line_between(std::span<const LineVertex> line, std::int64_t start, std::int64_t end) {

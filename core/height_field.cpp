@@ -2,6 +2,8 @@
 #include "core/height_field.hpp"
 
 #include <cmath>
+#include <tuple>
+#include <utility>
 
 namespace tind {
 namespace {
@@ -72,6 +74,27 @@ double sample(const HeightField& f, double x, double y, bool snap) {
 
 }  // namespace
 
+const PointPost* PointBlocks::find(std::int64_t x, std::int64_t y) const {
+  const PointPost* found = nullptr;
+  // A point belongs to the block of its real position: one that rounds to (x, y) may lie in a block beside.
+  const double at_x = static_cast<double>(x), at_y = static_cast<double>(y);
+  using Key = std::pair<std::int64_t, std::int64_t>;
+  const auto key = [](const PointPost& p) { return Key{std::llround(p.y), std::llround(p.x)}; };
+  const auto index = [this](double v, double origin) {
+    return static_cast<std::int64_t>(std::floor((v - origin) / side));
+  };
+  for (std::int64_t r = index(at_y - 0.5, y0); r <= index(at_y + 0.5, y0); ++r) {
+    for (std::int64_t c = index(at_x - 0.5, x0); c <= index(at_x + 0.5, x0); ++c) {
+      if (r < 0 || c < 0 || r >= n_rows || c >= n_cols) continue;
+      const std::span<const PointPost> posts_of = block(r, c);
+      const auto at = std::lower_bound(posts_of.begin(), posts_of.end(), Key{y, x},
+                                       [&](const PointPost& p, const Key& k) { return key(p) < k; });
+      if (at != posts_of.end() && key(*at) == Key{y, x}) found = &*at;
+    }
+  }
+  return found;
+}
+
 double HeightField::sample_m(double x, double y) const {
   const double width = static_cast<double>(lattice.width());
   x -= width * std::floor(x / width);
@@ -82,6 +105,17 @@ std::int32_t HeightField::lattice_height(std::int64_t x, std::int64_t y) const {
   const std::int64_t width = lattice.width();
   x %= width;
   if (x < 0) x += width;
+  const auto pin = std::lower_bound(
+      pinned.begin(), pinned.end(), std::tuple(y, x),
+      [](const LatticePoint& p, const std::tuple<std::int64_t, std::int64_t>& at) { return std::tie(p.y, p.x) < at; });
+  if (pin != pinned.end() && pin->y == y && pin->x == x) return pin->z;
+  if (!points.empty()) {
+    for (const std::int64_t turn : {std::int64_t{0}, width}) {
+      if (const PointPost* p = points.find(x + turn, y)) {
+        return lattice.height_from_m(static_cast<double>(p->height_m));
+      }
+    }
+  }
   return lattice.height_from_m(sample(*this, static_cast<double>(x), static_cast<double>(y), true));
 }
 

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
+#include <algorithm>
+#include <cmath>
 #include <cstdint>
 #include <span>
 
@@ -36,9 +38,27 @@ struct PointBlocks {
 
   bool empty() const { return n_rows == 0; }
   std::span<const PointPost> block(std::int64_t r, std::int64_t c) const {
-    const std::uint64_t *at = first + r * n_cols + c, n = at[1] - at[0];
-    return {posts + at[0], static_cast<std::size_t>(n)};
+    const std::uint64_t* at = first + r * n_cols + c;
+    return {posts + at[0], static_cast<std::size_t>(at[1] - at[0])};
   }
+  /// Calls visit(post) for every point of the blocks that meet west <= x <= east, south <= y <= north (a superset of
+  /// the points in it).
+  template <class Visit>
+  void for_blocks(double west, double south, double east, double north, Visit visit) const {
+    const auto index = [this](double v, double origin, std::int64_t n) {
+      return static_cast<std::int64_t>(std::clamp(std::floor((v - origin) / side), -1.0, static_cast<double>(n)));
+    };
+    if (empty()) return;
+    const std::int64_t r_last = std::min(index(north, y0, n_rows), n_rows - 1);
+    const std::int64_t c_last = std::min(index(east, x0, n_cols), n_cols - 1);
+    for (std::int64_t r = std::max<std::int64_t>(index(south, y0, n_rows), 0); r <= r_last; ++r) {
+      for (std::int64_t c = std::max<std::int64_t>(index(west, x0, n_cols), 0); c <= c_last; ++c) {
+        for (const PointPost& p : block(r, c)) visit(p);
+      }
+    }
+  }
+  /// The point that rounds to a lattice point (x as the blocks count it); null when there is none.
+  const PointPost* find(std::int64_t x, std::int64_t y) const;
 };
 
 /// ONE height field for all levels: a regular grid of posts (source posts, filled voids and a rim of falloff) and the
@@ -65,6 +85,9 @@ struct HeightField {
   const float* heights_m = nullptr;     ///< n_rows * n_cols
   const PostOrigin* origins = nullptr;  ///< n_rows * n_cols
   PointBlocks points;                   ///< Irregular posts; empty for a raster.
+  /// Lattice points whose vertices have a height of their own: those of break lines. Ascending by (y, x), x in
+  /// [0, width). Not owned.
+  std::span<const LatticePoint> pinned;
 
   double post_x(std::int64_t c) const { return x0 + static_cast<double>(c) * dx; }
   double post_y(std::int64_t r) const { return y0 + static_cast<double>(r) * dy; }
@@ -85,8 +108,8 @@ struct HeightField {
   /// pole where the grid continues there, the base height outside.
   double sample_m(double x, double y) const;
   /// THE height of lattice point (x, y) in height units, the same for every level, tile and line that has a vertex
-  /// there. A point that a post rounds to has the post's own height, a point that rounds onto a post row or column is
-  /// sampled on it.
+  /// there. A pinned point has its own, else a point that a post rounds to has the post's own height, a point that
+  /// rounds onto a post row or column is sampled on it.
   std::int32_t lattice_height(std::int64_t x, std::int64_t y) const;
 };
 

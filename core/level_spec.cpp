@@ -19,6 +19,8 @@ constexpr double kSpacingSlack = 1e-9;
 constexpr double kToleranceRule = 0.8;            // 4/5 of the spacing
 constexpr double kHeightStepsPerTolerance = 256;  // zq <= E_bottom / 256
 constexpr int kMaxHeightExponent = 16;
+// Irregular posts may lie side by side on a wall: a lattice 8 times finer moves them by less than 1/4096 spacing.
+constexpr int kIrregularLatticeLevels = 3;
 
 }  // namespace
 
@@ -37,6 +39,12 @@ Result<LevelTable> make_level_table(double lon_spacing_deg, double lat_spacing_d
   if (options.tolerance_m && options.finest_m) {
     return refuse("--tolerance sets E of the bottom level and --finest adds levels below it: give one of them");
   }
+  for (std::size_t k = 0; k < options.coarser_tolerances_m.size(); ++k) {
+    const double finer = k ? options.coarser_tolerances_m[k - 1] : options.tolerance_m.value_or(0);
+    if (!options.tolerance_m || !(options.coarser_tolerances_m[k] > finer)) {
+      return refuse("--tolerance takes E of the bottom level first, then of each coarser level, always larger");
+    }
+  }
   const int n = level_of_spacing(lon_spacing_deg);
   int bottom = n + 1;
   double spacing_deg = lon_spacing_deg;
@@ -50,14 +58,20 @@ Result<LevelTable> make_level_table(double lon_spacing_deg, double lat_spacing_d
   LevelTable table;
   table.rule_bottom_level = bottom;
   double spacing_m = spacing_deg * options.metres_per_degree;
-  double tolerance_m = options.tolerance_m.value_or(kToleranceRule * spacing_m);
+  const int table_level = bottom;  // the tolerance's own level
+  const double table_m = options.tolerance_m.value_or(kToleranceRule * spacing_m);
+  const auto tolerance_of = [&](int level) {
+    const auto& coarser = options.coarser_tolerances_m;
+    const int above = table_level - level, listed = static_cast<int>(coarser.size());
+    if (above <= 0 || listed == 0) return std::ldexp(table_m, above);
+    return above <= listed ? coarser[static_cast<std::size_t>(above) - 1] : std::ldexp(coarser.back(), above - listed);
+  };
   const auto shift = [&](int levels) {  // negative: coarser
     bottom += levels;
     spacing_m = std::ldexp(spacing_m, -levels);
-    tolerance_m = std::ldexp(tolerance_m, -levels);
   };
   if (options.finest_m) {
-    while (tolerance_m > *options.finest_m && bottom <= kMaxLevel) shift(1);
+    while (tolerance_of(bottom) > *options.finest_m && bottom <= kMaxLevel) shift(1);
   }
   if (options.max_level) {
     if (*options.max_level < 0) return refuse("--max-level must not be negative");
@@ -66,8 +80,10 @@ Result<LevelTable> make_level_table(double lon_spacing_deg, double lat_spacing_d
   // A post may be rounded by at most 1/512 of the finer spacing, also where --max-level stops early. On a slope that
   // moves it off the terrain, so a tolerance below the rule's takes a lattice that is finer in proportion.
   table.lattice_level = std::max({bottom, n + 1, level_of_spacing(lat_spacing_deg) + 1, 0});
+  const double tolerance_m = tolerance_of(bottom);
   const double times_tighter = kToleranceRule * spacing_m / tolerance_m;
   if (times_tighter > 1) table.lattice_level += static_cast<int>(std::ceil(std::log2(times_tighter) - kSpacingSlack));
+  if (options.irregular_posts) table.lattice_level += kIrregularLatticeLevels;
   if (table.lattice_level > kMaxLevel) {
     return refuse("that takes level " + std::to_string(table.lattice_level) + "; the deepest possible is " +
                   std::to_string(kMaxLevel) + ": give a coarser --finest, --tolerance or --max-level");
@@ -76,7 +92,7 @@ Result<LevelTable> make_level_table(double lon_spacing_deg, double lat_spacing_d
   const double exponent = std::ceil(std::log2(kHeightStepsPerTolerance / tolerance_m));
   table.height_exponent = static_cast<int>(std::clamp(exponent, 0.0, static_cast<double>(kMaxHeightExponent)));
   for (int level = 0; level <= bottom; ++level) {
-    table.levels.push_back({std::ldexp(spacing_m, bottom - level), std::ldexp(tolerance_m, bottom - level)});
+    table.levels.push_back({std::ldexp(spacing_m, bottom - level), tolerance_of(level)});
   }
   return table;
 }

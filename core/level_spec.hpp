@@ -18,10 +18,14 @@ enum class LevelMode {
 /// What shapes the level table.
 struct LevelOptions {
   LevelMode mode = LevelMode::kNonStandard;
-  double metres_per_degree = 0;       ///< Turns the spacing into metres; > 0.
+  double metres_per_degree = 0;       ///< Turns the spacing in longitude into metres; > 0.
   std::optional<int> max_level;       ///< Stop at this level; E keeps the value it would have had there.
   std::optional<double> tolerance_m;  ///< E of the bottom level instead of the 4/5 rule.
+  /// With tolerance_m: E of the levels above the bottom, upwards; each larger than the one before. Levels above the
+  /// last double it.
+  std::vector<double> coarser_tolerances_m;
   std::optional<double> finest_m;     ///< Go on below L_bottom, halving E, until E <= this.
+  bool irregular_posts = false;       ///< Posts may lie far closer to each other than the spacing.
 };
 
 /// One level's spacing and vertical tolerance.

@@ -53,6 +53,26 @@ struct PostWindow {
   double y(std::int64_t r) const { return y0 + static_cast<double>(r) * dy; }
 };
 
+// An irregular post of the tile, local lattice steps.
+struct TilePoint {
+  double x = 0, y = 0, height_m = 0;
+};
+
+// The tile's irregular posts, by cells of a regular grid around them.
+struct PointCells {
+  double x0 = 0, y0 = 0, size = 1;
+  std::int64_t n_cols = 0, n_rows = 0;
+  std::vector<std::uint32_t> first;  // n_rows * n_cols + 1
+  std::vector<TilePoint> points;
+
+  std::int64_t col(double x) const {
+    return std::clamp<std::int64_t>(static_cast<std::int64_t>(std::floor((x - x0) / size)), 0, n_cols - 1);
+  }
+  std::int64_t row(double y) const {
+    return std::clamp<std::int64_t>(static_cast<std::int64_t>(std::floor((y - y0) / size)), 0, n_rows - 1);
+  }
+};
+
 struct Candidate {
   double error = 0;
   std::int64_t x = 0, y = 0;  // local lattice steps of the vertex to be
@@ -99,11 +119,14 @@ class TileRefiner {
 
   TileSurface run() {
     make_windows();
+    collect_points();
     served_rounding_m_ = served_height_step() / 2;
     insert_initial();
     refine();
     TileSurface surface;
     surface.n_inserted = n_inserted_;
+    surface.n_of_lines = n_of_lines_;
+    surface.n_left_out = n_left_out_;
     extract(surface);
     measure(surface.stats);
     return surface;
@@ -154,6 +177,97 @@ class TileRefiner {
     windows_.push_back(grid);
   }
 
+  void collect_points() {
+    const double width = static_cast<double>(field_.lattice.width()), side = static_cast<double>(side_);
+    std::vector<TilePoint> found;
+    for (const double turn : {0.0, width}) {
+      const double west = static_cast<double>(west_) + turn, south = static_cast<double>(south_);
+      field_.points.for_blocks(west - nudge(), south - nudge(), west + side + nudge(), south + side + nudge(),
+                               [&](const PointPost& p) {
+                                 const TilePoint local{p.x - west, p.y - south, static_cast<double>(p.height_m)};
+                                 if (local.x < -nudge() || local.x > side + nudge()) return;
+                                 if (local.y < -nudge() || local.y > side + nudge()) return;
+                                 found.push_back(local);
+                               });
+    }
+    if (found.empty()) return;
+    double x1 = found[0].x, y1 = found[0].y;
+    cells_.x0 = x1;
+    cells_.y0 = y1;
+    for (const TilePoint& p : found) {
+      cells_.x0 = std::min(cells_.x0, p.x);
+      cells_.y0 = std::min(cells_.y0, p.y);
+      x1 = std::max(x1, p.x);
+      y1 = std::max(y1, p.y);
+    }
+    // About one point a cell, wherever the points are.
+    const double n = static_cast<double>(found.size()), longer = std::max({x1 - cells_.x0, y1 - cells_.y0, 1.0});
+    cells_.size = std::max(std::sqrt((x1 - cells_.x0) * (y1 - cells_.y0) / n), longer / n);
+    cells_.n_cols = static_cast<std::int64_t>((x1 - cells_.x0) / cells_.size) + 1;
+    cells_.n_rows = static_cast<std::int64_t>((y1 - cells_.y0) / cells_.size) + 1;
+    const auto cell_of = [&](const TilePoint& p) {
+      return static_cast<std::size_t>(cells_.row(p.y) * cells_.n_cols + cells_.col(p.x));
+    };
+    cells_.first.assign(static_cast<std::size_t>(cells_.n_cols * cells_.n_rows) + 1, 0);
+    for (const TilePoint& p : found) ++cells_.first[cell_of(p) + 1];
+    for (std::size_t k = 1; k < cells_.first.size(); ++k) cells_.first[k] += cells_.first[k - 1];
+    cells_.points.resize(found.size());
+    std::vector<std::uint32_t> next(cells_.first.begin(), cells_.first.end() - 1);
+    for (const TilePoint& p : found) cells_.points[next[cell_of(p)]++] = p;
+  }
+
+  // Calls visit(index, point) for the irregular posts in a triangle, borders included: those outside by a rounding, too.
+  template <class Visit>
+  void for_points(Face f, Visit visit) const {
+    if (cells_.points.empty()) return;
+    std::array<double, 3> x{}, y{};
+    for (int i = 0; i < 3; ++i) {
+      x[static_cast<std::size_t>(i)] = static_cast<double>(f->vertex(i)->info().x);
+      y[static_cast<std::size_t>(i)] = static_cast<double>(f->vertex(i)->info().y);
+    }
+    const auto [south, north] = std::minmax({y[0], y[1], y[2]});
+    const auto [west, east] = std::minmax({x[0], x[1], x[2]});
+    const double end_x = cells_.x0 + cells_.size * static_cast<double>(cells_.n_cols);
+    const double end_y = cells_.y0 + cells_.size * static_cast<double>(cells_.n_rows);
+    if (east + nudge() < cells_.x0 || west - nudge() > end_x || north + nudge() < cells_.y0 || south - nudge() > end_y) {
+      return;
+    }
+    std::array<double, 3> slack{};
+    for (std::size_t i = 0; i < 3; ++i) {
+      const std::size_t j = (i + 1) % 3;
+      slack[i] = -nudge() * std::hypot(x[j] - x[i], y[j] - y[i]);
+    }
+    for (std::int64_t r = cells_.row(south - nudge()); r <= cells_.row(north + nudge()); ++r) {
+      // Where the triangle lies in this row of cells.
+      const double low = cells_.y0 + cells_.size * static_cast<double>(r) - nudge();
+      const double high = low + cells_.size + 2 * nudge();
+      double left = std::numeric_limits<double>::infinity(), right = -left;
+      for (std::size_t i = 0; i < 3; ++i) {
+        const std::size_t j = (i + 1) % 3;
+        if (std::max(y[i], y[j]) < low || std::min(y[i], y[j]) > high) continue;
+        for (const double at : {std::clamp(low, std::min(y[i], y[j]), std::max(y[i], y[j])),
+                                std::clamp(high, std::min(y[i], y[j]), std::max(y[i], y[j]))}) {
+          const double t = y[i] == y[j] ? 0 : (at - y[i]) / (y[j] - y[i]), cut = x[i] + t * (x[j] - x[i]);
+          left = std::min({left, cut, y[i] == y[j] ? x[j] : cut});
+          right = std::max({right, cut, y[i] == y[j] ? x[j] : cut});
+        }
+      }
+      if (left > right) continue;
+      for (std::int64_t c = cells_.col(left - nudge()); c <= cells_.col(right + nudge()); ++c) {
+        const auto cell = static_cast<std::size_t>(r * cells_.n_cols + c);
+        for (std::uint32_t k = cells_.first[cell]; k < cells_.first[cell + 1]; ++k) {
+          const TilePoint& p = cells_.points[k];
+          bool inside = true;
+          for (std::size_t i = 0; i < 3 && inside; ++i) {
+            const std::size_t j = (i + 1) % 3;
+            inside = (x[j] - x[i]) * (p.y - y[i]) - (y[j] - y[i]) * (p.x - x[i]) >= slack[i];
+          }
+          if (inside) visit(k, p);
+        }
+      }
+    }
+  }
+
   // Bound of the step that quantized-mesh rounds the tile's inner heights to: its range over 32767, up to a power of
   // two.
   double served_height_step() const {
@@ -163,6 +277,16 @@ class TileRefiner {
         const auto [least, most] = std::minmax_element(field_row(w, r), field_row(w, r) + w.n_cols);
         low = std::min(low, static_cast<double>(*least));
         high = std::max(high, static_cast<double>(*most));
+      }
+    }
+    for (const TilePoint& p : cells_.points) {
+      low = std::min(low, p.height_m);
+      high = std::max(high, p.height_m);
+    }
+    for (const auto& piece : task_.constraints) {
+      for (const LocalVertex& v : piece) {
+        low = std::min(low, height_m(v.z));
+        high = std::max(high, height_m(v.z));
       }
     }
     for (const auto& border : task_.borders) {
@@ -214,6 +338,25 @@ class TileRefiner {
       const Vertex v = insert_point(p.x, p.y, hint);
       insert_vertex_info(v, p, 0);
       hint = v->face();
+    }
+    for (const auto& piece : task_.constraints) insert_constraint(piece);
+  }
+
+  void insert_constraint(const std::array<LocalVertex, 2>& piece) {
+    std::array<Vertex, 2> ends;
+    for (std::size_t i = 0; i < 2; ++i) {
+      const LocalVertex& p = piece[i];
+      const bool is_known = used_.contains({p.x, p.y});
+      assert((is_known || (p.x > 0 && p.y > 0 && p.x < side_ && p.y < side_)) && "a border vertex born inside");
+      ends[i] = insert_point(p.x, p.y, i == 0 ? Face() : ends[0]->face());
+      if (is_known) continue;
+      insert_vertex_info(ends[i], p, 0);
+      ++n_of_lines_;
+    }
+    try {
+      cdt_.insert_constraint(ends[0], ends[1]);
+    } catch (const Cdt::Intersection_of_constraints_exception&) {
+      ++n_left_out_;
     }
   }
 
@@ -421,7 +564,7 @@ class TileRefiner {
         if (guard.kind == Guard::Kind::kFan) {
           for (std::int64_t c = c_first; c <= c_last; ++c) {
             const double error = post_error(plane, served, guard, w.x(c), y, static_cast<double>(heights[c]));
-            if (error > best.error) consider(error, w.x(c), y);
+            if (error > best.error && is_post(heights + c)) consider(error, w.x(c), y);
           }
           return;
         }
@@ -431,14 +574,23 @@ class TileRefiner {
           const auto along = static_cast<double>(c - c_first), height = static_cast<double>(heights[c]);
           const double error = std::max(std::abs(z + z_step * along - height) + guard.extra_m,
                                         std::abs(z_served + served_step * along - height) + served_rounding_m_);
-          if (error > best.error) consider(error, w.x(c), y);
+          if (error > best.error && is_post(heights + c)) consider(error, w.x(c), y);
         }
       });
     }
+    for_points(f, [&](std::uint32_t, const TilePoint& p) {
+      const double error = post_error(plane, served, guard, p.x, p.y, p.height_m);
+      if (error > best.error) consider(error, p.x, p.y);
+    });
     if (!found) return;
     best.stamp = stamp;
     best.face = f;
     heap_.push(best);
+  }
+
+  // Whether a grid post is one to answer for: not where it was interpolated between irregular ones.
+  bool is_post(const float* height) const {
+    return field_.origins[height - field_.heights_m] != PostOrigin::kInterpolated;
   }
 
   double post_error(const Plane& plane, const Plane& served, const Guard& guard, double x, double y,
@@ -513,6 +665,19 @@ class TileRefiner {
         });
       }
     }
+    std::vector<bool> seen(cells_.points.size(), false);
+    const double end = static_cast<double>(side_) - nudge();
+    for (Face f : cdt_.finite_face_handles()) {
+      const Plane plane = plane_of(f);
+      for_points(f, [&](std::uint32_t k, const TilePoint& p) {
+        if (seen[k] || p.x < -nudge() || p.y < -nudge() || p.x >= end || p.y >= end) return;
+        seen[k] = true;
+        const double error = std::abs(plane.at(p.x, p.y) - p.height_m);
+        largest = std::max(largest, error);
+        sum += error * error;
+        ++stats.n_posts;
+      });
+    }
     stats.max_error_m = std::nextafter(static_cast<float>(largest), std::numeric_limits<float>::max());
     if (largest == 0) stats.max_error_m = 0;
     stats.rmse_m = stats.n_posts ? static_cast<float>(std::sqrt(sum / static_cast<double>(stats.n_posts))) : 0;
@@ -522,10 +687,11 @@ class TileRefiner {
   const TileTask& task_;
   const std::int64_t side_, west_, south_;
   std::vector<PostWindow> windows_;
+  PointCells cells_;
   Cdt cdt_;
   double served_rounding_m_ = 0;  // of inner heights
   std::uint32_t n_ring_ = 0;
-  std::uint64_t n_inserted_ = 0;
+  std::uint64_t n_inserted_ = 0, n_of_lines_ = 0, n_left_out_ = 0;
   std::unordered_set<std::pair<std::int64_t, std::int64_t>, PositionHash> used_;
   std::priority_queue<Candidate> heap_;
 };

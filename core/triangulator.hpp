@@ -23,6 +23,10 @@ struct TileTask {
   std::array<std::vector<EnvelopeKnot>, 4> envelopes;
   /// Interior vertices to start from (the parent's, seeds); duplicates are dropped.
   std::vector<LocalVertex> initial;
+  /// Pieces of break lines inside the tile, local coordinates, the most important first: edges of the triangulation
+  /// while it is refined, gone with it (Zheng et al. 2016, step 3). Ends on the border must be border vertices. A piece
+  /// that would cross an earlier one is left out.
+  std::vector<std::array<LocalVertex, 2>> constraints;
 };
 
 /// What refinement makes of it.
@@ -31,12 +35,15 @@ struct TileSurface {
   std::vector<Triangle> triangles;    ///< Local order, counter-clockwise, smallest index first, sorted.
   TileStats stats;                    ///< Without coverage.
   std::uint64_t n_inserted = 0;       ///< Vertices that greedy insertion added.
+  std::uint64_t n_of_lines = 0;       ///< Interior vertices that only break lines brought in.
+  std::uint64_t n_left_out = 0;       ///< Pieces of break lines that crossed another.
 };
 
 /// Constrained Delaunay triangulation of the border ring and the initial vertices, then greedy insertion of the worst
 /// post until every post of the tile is within the tolerance, also when virtual triangles are tessellated to any finer
 /// border (the guard of DESIGN "Seams"), and when positions and heights are rounded as quantized-mesh rounds them.
-/// Posts outside the grid are the level's own 256 x 256 grid at the base height. The one door to CGAL. Pure: the same
+/// Posts outside the grid are the level's own 256 x 256 grid at the base height. Irregular posts count as those of the
+/// grid do; interpolated posts of the grid are held to nothing. The one door to CGAL. Pure: the same
 /// task gives the same bytes; thread safe.
 TileSurface triangulate(const HeightField& field, const TileTask& task);
 

@@ -8,6 +8,7 @@
 #include "core/level_spec.hpp"
 #include "core/result.hpp"
 #include "storage/builder/progress.hpp"
+#include "storage/builder/pyramid_builder.hpp"
 #include "storage/manifest.hpp"
 #include "storage/readers/gdal_raster.hpp"
 #include "storage/readers/height_grid.hpp"
@@ -27,16 +28,6 @@ struct BuildOptions {
   std::string attribution;
   int threads = 0;                            ///< 0: all cores.
   const std::atomic<bool>* cancel = nullptr;  ///< Set by a signal handler: stop, leave nothing behind.
-};
-
-/// What one level's vertices are there for: corners, border, inherited and inserted sum to LevelInfo::n_vertices.
-struct LevelBreakdown {
-  std::uint64_t corners = 0;
-  std::uint64_t border = 0;     ///< Inside edges, seeds among them.
-  std::uint64_t inherited = 0;  ///< Interior: the parents' vertices and seeds.
-  std::uint64_t inserted = 0;   ///< Interior: by greedy insertion.
-  std::uint64_t outside = 0;    ///< Of all of these, those beyond the data.
-  double seconds = 0;
 };
 
 struct BuildReport {

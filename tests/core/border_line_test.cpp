@@ -76,7 +76,7 @@ TEST(BorderLine, IsWithinToleranceOfEverySampleAtEveryLevel) {
     const TestField f = rough_field(seed);
     const RefinementSpec spec = spec_from(kLevel, kToleranceM, kLevels, f.field.lattice);
     for (const RootEdge& root : {south_side(f.field), west_side(f.field)}) {
-      const auto line = refine_root_edge(f.field, spec, root, {}, everywhere);
+      const auto line = refine_root_edge(f.field, spec, root, {}, {}, everywhere);
       for (int level = kLevel; level < kLevel + kLevels; ++level) {
         EXPECT_LE(worst_at_samples(f.field, root, line, level), std::ldexp(kToleranceM, kLevel - level)) << level;
       }
@@ -88,11 +88,11 @@ TEST(BorderLine, IsNestedWithOneHeightPerPoint) {
   const TestField f = rough_field();
   const RefinementSpec spec = spec_from(kLevel, kToleranceM, kLevels, f.field.lattice);
   for (const RootEdge& root : {south_side(f.field), west_side(f.field)}) {
-    const auto line = refine_root_edge(f.field, spec, root, {}, everywhere);
+    const auto line = refine_root_edge(f.field, spec, root, {}, {}, everywhere);
     // The line of fewer levels is what entered by then: nothing that comes later moves or adds anything before.
     for (int n = 1; n < kLevels; ++n) {
       const auto shorter =
-          refine_root_edge(f.field, spec_from(kLevel, kToleranceM, n, f.field.lattice), root, {}, everywhere);
+          refine_root_edge(f.field, spec_from(kLevel, kToleranceM, n, f.field.lattice), root, {}, {}, everywhere);
       std::vector<LineVertex> entered;
       std::copy_if(line.begin(), line.end(), std::back_inserter(entered),
                    [&](const LineVertex& v) { return v.entry < kLevel + n; });
@@ -114,7 +114,7 @@ TEST(BorderLine, HasTheCornersOfALevelThatEnteredByThen) {
   const TestField f = rough_field();
   RefinementSpec spec = spec_from(kLevel, kToleranceM, kLevels, f.field.lattice);
   const RootEdge root = south_side(f.field);
-  const auto line = refine_root_edge(f.field, spec, root, {}, everywhere);
+  const auto line = refine_root_edge(f.field, spec, root, {}, {}, everywhere);
   for (int level = kLevel; level < kLevel + kLevels; ++level) {
     const std::int64_t side = f.field.lattice.tile_side(level);
     for (std::int64_t t = root.start; t < line.back().t; t += side) {
@@ -140,9 +140,9 @@ TEST(BorderLine, GoesDeeperOnlyWhereATileBesideItIsSplit) {
   const RefinementSpec spec = spec_from(kLevel, kToleranceM, kLevels, f.field.lattice);
   const RootEdge root = south_side(f.field);
   const std::int64_t half = f.field.lattice.tile_side(kLevel + 1), middle = root.start + half;
-  const auto whole = refine_root_edge(f.field, spec, root, {}, everywhere);
+  const auto whole = refine_root_edge(f.field, spec, root, {}, {}, everywhere);
   // Only the western half is split below level 6.
-  const auto part = refine_root_edge(f.field, spec, root, {},
+  const auto part = refine_root_edge(f.field, spec, root, {}, {},
                                      [&](int level, std::int64_t start) { return level == kLevel || start < middle; });
   const auto west_whole = line_between(whole, root.start, middle), west_part = line_between(part, root.start, middle);
   EXPECT_TRUE(std::equal(west_whole.begin(), west_whole.end(), west_part.begin(), west_part.end()));
@@ -156,7 +156,7 @@ TEST(BorderLine, TakesSeedsAndPinsInAtTheirLevel) {
   const RootEdge root = west_side(f.field);
   const std::int64_t side = f.field.lattice.tile_side(kLevel);
   const std::vector<std::int64_t> pins = {root.start + 17, root.start + side / 2, root.start + side - 1};
-  const auto line = refine_root_edge(f.field, spec, root, pins, everywhere);
+  const auto line = refine_root_edge(f.field, spec, root, pins, {}, everywhere);
   std::map<std::int64_t, int> entries;
   for (const LineVertex& v : line) entries[v.t - root.start] = v.entry;
   std::map<std::int64_t, int> expected = {{17, 5}, {side - 1, 5}};
@@ -171,13 +171,13 @@ TEST(BorderLine, IsTheSameFromBothSidesOfLongitude180) {
   const RefinementSpec spec = spec_from(kLevel, kToleranceM, kLevels, f.field.lattice);
   const std::int64_t side = f.field.lattice.tile_side(kLevel), width = f.field.lattice.width();
   // The meridian itself, named 0 or the lattice's width.
-  const auto line = refine_root_edge(f.field, spec, {true, kLevel, 0, side * kTile.y}, {}, everywhere);
-  EXPECT_EQ(line, refine_root_edge(f.field, spec, {true, kLevel, width, side * kTile.y}, {}, everywhere));
+  const auto line = refine_root_edge(f.field, spec, {true, kLevel, 0, side * kTile.y}, {}, {}, everywhere);
+  EXPECT_EQ(line, refine_root_edge(f.field, spec, {true, kLevel, width, side * kTile.y}, {}, {}, everywhere));
   EXPECT_GT(line.size(), 20u);
   // Parallels on both sides see the posts that lie there.
   for (const std::int64_t start : {width - side, std::int64_t{0}}) {
     const RootEdge root{false, kLevel, side * kTile.y, start};
-    const auto parallel = refine_root_edge(f.field, spec, root, {}, everywhere);
+    const auto parallel = refine_root_edge(f.field, spec, root, {}, {}, everywhere);
     for (int level = kLevel; level < kLevel + kLevels; ++level) {
       EXPECT_LE(worst_at_samples(f.field, root, parallel, level), std::ldexp(kToleranceM, kLevel - level));
     }
@@ -193,7 +193,7 @@ TEST(BorderLine, FollowsTheBaseOutsideTheGridToo) {
   });
   const RefinementSpec spec = spec_from(kLevel, kToleranceM, kLevels, f.field.lattice);
   const RootEdge root = south_side(f.field);
-  const auto line = refine_root_edge(f.field, spec, root, {}, everywhere);
+  const auto line = refine_root_edge(f.field, spec, root, {}, {}, everywhere);
   for (int level = kLevel; level < kLevel + kLevels; ++level) {
     const double tolerance_m = std::ldexp(kToleranceM, kLevel - level);
     EXPECT_LE(worst_at_samples(f.field, root, line, level), tolerance_m);
@@ -209,7 +209,7 @@ TEST(BorderLine, FollowsTheBaseOutsideTheGridToo) {
 TEST(Envelope, BoundsThePolylinesOfAllFinerLevelsTightly) {
   const TestField f = rough_field(2);
   const RefinementSpec spec = spec_from(kLevel, kToleranceM, kLevels, f.field.lattice);
-  const auto line = refine_root_edge(f.field, spec, south_side(f.field), {}, everywhere);
+  const auto line = refine_root_edge(f.field, spec, south_side(f.field), {}, {}, everywhere);
   for (int level = kLevel; level < kLevel + kLevels; ++level) {
     const auto knots = envelope_of(line, level, f.field.lattice);
     bool touched_high = false, touched_low = false;

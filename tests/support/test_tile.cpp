@@ -58,7 +58,7 @@ TestTile make_task(const HeightField& field, const RefinementSpec& spec, const T
     RootEdge root{b % 2 == 1, key.level, 0, 0};
     root.at = b == 0 ? south : b == 1 ? (west + side) % field.lattice.width() : b == 2 ? south + side : west;
     root.start = b % 2 == 0 ? west : south;
-    tile.lines[at] = refine_root_edge(field, spec, root, {}, [](int, std::int64_t) { return true; });
+    tile.lines[at] = refine_root_edge(field, spec, root, {}, {}, [](int, std::int64_t) { return true; });
     tile.task.borders[at] = ring_part(tile, b, key.level, side);
     tile.task.envelopes[at] = envelope_of(tile.lines[at], key.level, field.lattice);
     for (EnvelopeKnot& knot : tile.task.envelopes[at]) knot.t -= static_cast<double>(root.start);

@@ -1,0 +1,47 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+#include <vector>
+
+#include "core/height_field.hpp"
+#include "core/level_spec.hpp"
+#include "core/line_pyramid.hpp"
+#include "core/result.hpp"
+#include "storage/builder/progress.hpp"
+#include "storage/manifest.hpp"
+#include "storage/tile_store.hpp"
+
+namespace tind {
+
+/// What one level's vertices are there for: corners, border, inherited, of_lines and inserted sum to
+/// LevelInfo::n_vertices.
+struct LevelBreakdown {
+  std::uint64_t corners = 0;
+  std::uint64_t border = 0;      ///< Inside edges, seeds and crossings with break lines among them.
+  std::uint64_t inherited = 0;   ///< Interior: the parents' vertices and seeds.
+  std::uint64_t of_lines = 0;    ///< Interior: vertices of break lines that neither of the former brought.
+  std::uint64_t inserted = 0;    ///< Interior: by greedy insertion.
+  std::uint64_t outside = 0;     ///< Of all of these, those beyond the data.
+  std::uint64_t line_pieces = 0; ///< Pieces of break lines that tiles held to.
+  std::uint64_t left_out = 0;    ///< Pieces of break lines that crossed another and were not held to.
+  double seconds = 0;
+};
+
+/// What the pyramid is built from; not owned.
+struct PyramidInput {
+  const HeightField& field;
+  const LevelTable& table;
+  const LinePyramid& lines;
+  int threads = 1;
+  const std::atomic<bool>* cancel = nullptr;
+};
+
+/// Refines, encodes and appends all levels, coarse to fine; fills `manifest.levels` and `breakdown`. `progress` goes
+/// from `progress_from` to 1. kIo when the store cannot be written or the work was cancelled. The bytes do not depend on
+/// the number of threads.
+Result<void> build_levels(const PyramidInput& input, TileStoreWriter& writer, Progress& progress, double progress_from,
+                          Manifest& manifest, std::vector<LevelBreakdown>& breakdown);
+
+}  // namespace tind
