@@ -7,8 +7,8 @@
 
 namespace tind {
 
-/// Collects what GDAL, OGR and PROJ would print while it lives: the first failure and the first warning. GDAL's handlers
-/// are per thread, so an object stays in the thread and the block that made it; objects nest.
+/// Collects what GDAL, OGR and PROJ would print while it lives: the first failure and the first warning. GDAL's
+/// handlers are per thread, so an object stays in the thread and the block that made it; objects nest.
 class GdalErrors {
  public:
   GdalErrors() { CPLPushErrorHandlerEx(&GdalErrors::handle, this); }
