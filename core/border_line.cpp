@@ -120,14 +120,13 @@ class RootEdgeRefiner {
     for (const double turn : {0.0, width}) {
       const double shift_x = turn, west = (root_.vertical ? at - 1 : start - 1) + shift_x;
       const double east = (root_.vertical ? at + 1 : end + 1) + shift_x;
-      field_.points.for_blocks(west, root_.vertical ? start - 1 : at - 1, east, root_.vertical ? end + 1 : at + 1,
-                               [&](const PointPost& p) {
-                                 const double x = p.x - shift_x;
-                                 const double across = root_.vertical ? x : p.y, t = root_.vertical ? p.y : x;
-                                 if (std::llround(across) != root_.at || t < start || t > end) return;
-                                 samples_.push_back({t, static_cast<double>(p.height_m), 0,
-                                                     std::abs(across - at) / spacing});
-                               });
+      field_.points.for_blocks(
+          west, root_.vertical ? start - 1 : at - 1, east, root_.vertical ? end + 1 : at + 1, [&](const PointPost& p) {
+            const double x = p.x - shift_x;
+            const double across = root_.vertical ? x : p.y, t = root_.vertical ? p.y : x;
+            if (std::llround(across) != root_.at || t < start || t > end) return;
+            samples_.push_back({t, static_cast<double>(p.height_m), 0, std::abs(across - at) / spacing});
+          });
     }
     std::stable_sort(samples_.begin(), samples_.end(), [](const Sample& a, const Sample& b) { return a.t < b.t; });
   }

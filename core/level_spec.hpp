@@ -24,8 +24,8 @@ struct LevelOptions {
   /// With tolerance_m: E of the levels above the bottom, upwards; each larger than the one before. Levels above the
   /// last double it.
   std::vector<double> coarser_tolerances_m;
-  std::optional<double> finest_m;     ///< Go on below L_bottom, halving E, until E <= this.
-  bool irregular_posts = false;       ///< Posts may lie far closer to each other than the spacing.
+  std::optional<double> finest_m;  ///< Go on below L_bottom, halving E, until E <= this.
+  bool irregular_posts = false;    ///< Posts may lie far closer to each other than the spacing.
 };
 
 /// One level's spacing and vertical tolerance.

@@ -184,8 +184,8 @@ class LinePyramidBuilder {
     std::vector<Segment> segments = part_crossings(level, lines);
     LinePyramid::Level& out = out_.levels_[static_cast<std::size_t>(level)];
     for (const Line& line : lines) {
-      for (const std::size_t at : line.drawn) entry_[line.ids[at]] = std::min<std::uint8_t>(
-          entry_[line.ids[at]], static_cast<std::uint8_t>(level));
+      for (const std::size_t at : line.drawn)
+        entry_[line.ids[at]] = std::min<std::uint8_t>(entry_[line.ids[at]], static_cast<std::uint8_t>(level));
     }
     store(level, lines, segments, out);
   }
@@ -262,16 +262,14 @@ class LinePyramidBuilder {
       }
       if (pinned) pins.push_back(k);
     }
-    // A ring needs three corners to be one.
-    if (line.ids.front() == line.ids.back() && pins.size() == 2 && last >= 3) {
-      pins.insert(pins.begin() + 1, farthest(line, 0, last, level).position);
-    }
     for (std::size_t k = 0; k + 1 < pins.size(); ++k) {
       line.drawn.push_back(pins[k]);
       simplify(line, pins[k], pins[k + 1], level);
     }
     line.drawn.push_back(pins.back());
     std::sort(line.drawn.begin(), line.drawn.end());
+    // A ring that the detail leaves no three corners is none at this level.
+    if (line.ids.front() == line.ids.back() && line.drawn.size() < 4) line.drawn.clear();
   }
 
   struct Farthest {
@@ -346,7 +344,8 @@ class LinePyramidBuilder {
   // Pairs of segments that cross, in order.
   std::vector<std::pair<std::size_t, std::size_t>> crossing_pairs(int level, const std::vector<Line>& lines,
                                                                   const std::vector<Segment>& segments) const {
-    // Segments stay within a tile (or run along a border), so cells that divide a tile's side need no turn of longitude.
+    // Segments stay within a tile (or run along a border), so cells that divide a tile's side need no turn of
+    // longitude.
     const double metres = lattice_.step_deg() * std::numbers::pi / 180 * lattice_.ellipsoid.semi_major_m;
     const double wanted = 8 * detail_[static_cast<std::size_t>(level)].plan_m / metres;
     std::int64_t cell = out_.side_[static_cast<std::size_t>(level)];
@@ -375,7 +374,8 @@ class LinePyramidBuilder {
       for (std::size_t i = first; i < end; ++i) {
         for (std::size_t j = i + 1; j < end; ++j) {
           const Segment &s = segments[std::get<2>(cells[i])], &t = segments[std::get<2>(cells[j])];
-          if (cross(lines[s.line], s, lines[t.line], t)) pairs.emplace_back(std::get<2>(cells[i]), std::get<2>(cells[j]));
+          if (cross(lines[s.line], s, lines[t.line], t))
+            pairs.emplace_back(std::get<2>(cells[i]), std::get<2>(cells[j]));
         }
       }
       first = end;
@@ -417,9 +417,8 @@ class LinePyramidBuilder {
   // ---- results -----------------------------------------------------------------------------------------------------
 
   void store(int level, const std::vector<Line>& lines, std::vector<Segment>& segments, LinePyramid::Level& out) {
-    std::sort(segments.begin(), segments.end(), [](const Segment& a, const Segment& b) {
-      return std::tie(a.line, a.from) < std::tie(b.line, b.from);
-    });
+    std::sort(segments.begin(), segments.end(),
+              [](const Segment& a, const Segment& b) { return std::tie(a.line, a.from) < std::tie(b.line, b.from); });
     const std::int64_t side = out_.side_[static_cast<std::size_t>(level)];
     struct Ordered {
       LinePyramid::Piece piece;
@@ -490,7 +489,8 @@ std::span<const LineCrossing> LinePyramid::crossings(bool vertical, std::int64_t
   const auto before = [](const LineCrossing& c, const std::tuple<bool, std::int64_t, std::int64_t>& key) {
     return std::tie(c.vertical, c.at, c.t) < key;
   };
-  const auto first = std::lower_bound(crossings_.begin(), crossings_.end(), std::tuple(vertical, at, start + 1), before);
+  const auto first =
+      std::lower_bound(crossings_.begin(), crossings_.end(), std::tuple(vertical, at, start + 1), before);
   const auto last = std::lower_bound(first, crossings_.end(), std::tuple(vertical, at, end), before);
   return {first, last};
 }
@@ -518,7 +518,8 @@ std::vector<std::vector<LatticePoint>> LinePyramid::polylines(int level) const {
   const Level& in = levels_[static_cast<std::size_t>(level)];
   for (std::size_t l = 0; l + 1 < in.line_first.size(); ++l) {
     std::vector<LatticePoint> line;
-    for (std::uint64_t k = in.line_first[l]; k < in.line_first[l + 1]; ++k) line.push_back(vertices_[in.line_vertices[k]]);
+    for (std::uint64_t k = in.line_first[l]; k < in.line_first[l + 1]; ++k)
+      line.push_back(vertices_[in.line_vertices[k]]);
     lines.push_back(std::move(line));
   }
   return lines;

@@ -41,8 +41,8 @@ class LinePyramid {
   LinePyramid(const Lattice& lattice, std::span<const BreakChain> chains, std::span<const LineDetail> detail);
 
   bool empty() const { return vertices_.empty(); }
-  /// All vertices of all chains and their crossings with border lines, ascending by (y, x), x in [0, width): the heights
-  /// that vertices at these lattice points get on every level.
+  /// All vertices of all chains and their crossings with border lines, ascending by (y, x), x in [0, width): the
+  /// heights that vertices at these lattice points get on every level.
   std::span<const LatticePoint> vertices() const { return vertices_; }
   /// The vertices that lie inside the stretch (start, end) of a border line, ascending in t, of any entry level.
   std::span<const LineCrossing> crossings(bool vertical, std::int64_t at, std::int64_t start, std::int64_t end) const;
@@ -58,11 +58,11 @@ class LinePyramid {
 
  private:
   struct Piece {
-    std::uint64_t tile = 0;         // Morton code
-    std::uint32_t a = 0, b = 0;     // indices of vertices_
+    std::uint64_t tile = 0;      // Morton code
+    std::uint32_t a = 0, b = 0;  // indices of vertices_
   };
   struct Level {
-    std::vector<Piece> pieces;      // by tile, heaviest first
+    std::vector<Piece> pieces;                 // by tile, heaviest first
     std::vector<std::uint32_t> line_vertices;  // polylines one after another
     std::vector<std::uint64_t> line_first;
     std::uint64_t n_dropped = 0;

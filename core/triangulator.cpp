@@ -216,7 +216,8 @@ class TileRefiner {
     for (const TilePoint& p : found) cells_.points[next[cell_of(p)]++] = p;
   }
 
-  // Calls visit(index, point) for the irregular posts in a triangle, borders included: those outside by a rounding, too.
+  // Calls visit(index, point) for the irregular posts in a triangle, borders included: those outside by a rounding,
+  // too.
   template <class Visit>
   void for_points(Face f, Visit visit) const {
     if (cells_.points.empty()) return;
@@ -229,7 +230,8 @@ class TileRefiner {
     const auto [west, east] = std::minmax({x[0], x[1], x[2]});
     const double end_x = cells_.x0 + cells_.size * static_cast<double>(cells_.n_cols);
     const double end_y = cells_.y0 + cells_.size * static_cast<double>(cells_.n_rows);
-    if (east + nudge() < cells_.x0 || west - nudge() > end_x || north + nudge() < cells_.y0 || south - nudge() > end_y) {
+    if (east + nudge() < cells_.x0 || west - nudge() > end_x || north + nudge() < cells_.y0 ||
+        south - nudge() > end_y) {
       return;
     }
     std::array<double, 3> slack{};

@@ -122,8 +122,8 @@ class PyramidBuilder {
       if (level > 0) pins = pins_of(in.root, in.parent);
       const bool vertical = in.root.vertical;
       const std::int64_t at = in.root.at;
-      const auto crossings = input_.lines.crossings(
-          vertical, at, in.root.start, in.root.start + field_.lattice.tile_side(in.root.level));
+      const auto crossings =
+          input_.lines.crossings(vertical, at, in.root.start, in.root.start + field_.lattice.tile_side(in.root.level));
       return refine_root_edge(field_, spec_, in.root, pins, crossings, [&](int edge_level, std::int64_t start) {
         const std::int64_t side = field_.lattice.tile_side(edge_level);
         return plan_.is_edge_split(edge_level, vertical, at / side, start / side);
@@ -196,8 +196,8 @@ class PyramidBuilder {
       if (local.x > 0 && local.y > 0 && local.x < side && local.y < side) task.initial.push_back(local);
     }
     for (const LineSegment& s : input_.lines.segments(key)) {
-      task.constraints.push_back({LocalVertex{s.a.x - west, s.a.y - south, s.a.z},
-                                  LocalVertex{s.b.x - west, s.b.y - south, s.b.z}});
+      task.constraints.push_back(
+          {LocalVertex{s.a.x - west, s.a.y - south, s.a.z}, LocalVertex{s.b.x - west, s.b.y - south, s.b.z}});
     }
     const int segments = spec_.seed_segments[key.level];
     const std::int64_t step = side / segments;

@@ -19,13 +19,13 @@ namespace tind {
 /// LevelInfo::n_vertices.
 struct LevelBreakdown {
   std::uint64_t corners = 0;
-  std::uint64_t border = 0;      ///< Inside edges, seeds and crossings with break lines among them.
-  std::uint64_t inherited = 0;   ///< Interior: the parents' vertices and seeds.
-  std::uint64_t of_lines = 0;    ///< Interior: vertices of break lines that neither of the former brought.
-  std::uint64_t inserted = 0;    ///< Interior: by greedy insertion.
-  std::uint64_t outside = 0;     ///< Of all of these, those beyond the data.
-  std::uint64_t line_pieces = 0; ///< Pieces of break lines that tiles held to.
-  std::uint64_t left_out = 0;    ///< Pieces of break lines that crossed another and were not held to.
+  std::uint64_t border = 0;       ///< Inside edges, seeds and crossings with break lines among them.
+  std::uint64_t inherited = 0;    ///< Interior: the parents' vertices and seeds.
+  std::uint64_t of_lines = 0;     ///< Interior: vertices of break lines that neither of the former brought.
+  std::uint64_t inserted = 0;     ///< Interior: by greedy insertion.
+  std::uint64_t outside = 0;      ///< Of all of these, those beyond the data.
+  std::uint64_t line_pieces = 0;  ///< Pieces of break lines that tiles held to.
+  std::uint64_t left_out = 0;     ///< Pieces of break lines that crossed another and were not held to.
   double seconds = 0;
 };
 
@@ -39,8 +39,8 @@ struct PyramidInput {
 };
 
 /// Refines, encodes and appends all levels, coarse to fine; fills `manifest.levels` and `breakdown`. `progress` goes
-/// from `progress_from` to 1. kIo when the store cannot be written or the work was cancelled. The bytes do not depend on
-/// the number of threads.
+/// from `progress_from` to 1. kIo when the store cannot be written or the work was cancelled. The bytes do not depend
+/// on the number of threads.
 Result<void> build_levels(const PyramidInput& input, TileStoreWriter& writer, Progress& progress, double progress_from,
                           Manifest& manifest, std::vector<LevelBreakdown>& breakdown);
 

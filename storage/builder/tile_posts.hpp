@@ -41,8 +41,8 @@ TileCoverage coverage_of(const HeightField& field, const TileKey& tile);
 /// Whether a lattice point lies beyond the data: its nearest grid post is falloff or base.
 bool is_outside(const HeightField& field, std::int64_t x, std::int64_t y);
 
-/// The levels' height steps (docs/format.md 9, `height_step_m`), index = level: for each level the smallest power of two
-/// in which every tile's heights span at most 32767 steps. Pinned heights may differ from the posts' by `slack_m`.
+/// The levels' height steps (docs/format.md 9, `height_step_m`), index = level: for each level the smallest power of
+/// two in which every tile's heights span at most 32767 steps. Pinned heights may differ from the posts' by `slack_m`.
 std::vector<double> height_steps(const HeightField& field, const TilePlan& plan, double slack_m);
 
 }  // namespace tind
