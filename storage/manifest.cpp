@@ -112,7 +112,12 @@ bool Manifest::has_tile(const TileKey& key) const {
 std::string encode_manifest(const Manifest& m) {
   json sources = json::array();
   for (const SourceInfo& s : m.sources) {
-    sources.push_back({{"name", s.name}, {"sha256", s.sha256}, {"n_cols", s.n_cols}, {"n_rows", s.n_rows}});
+    sources.push_back({{"name", s.name},
+                       {"sha256", s.sha256},
+                       {"n_cols", s.n_cols},
+                       {"n_rows", s.n_rows},
+                       {"n_points", s.n_points},
+                       {"crs", s.crs}});
   }
   json levels = json::array();
   for (const LevelInfo& level : m.levels) levels.push_back(level_to_json(level));
@@ -126,6 +131,9 @@ std::string encode_manifest(const Manifest& m) {
         {"semi_major_m", m.lattice.ellipsoid.semi_major_m},
         {"inverse_flattening", m.lattice.ellipsoid.inverse_flattening}}},
       {"vertical_datum", m.vertical_datum},
+      {"heights", m.heights},
+      {"source_kind", m.source_kind},
+      {"resampling", m.resampling},
       {"horizontal_crs", kHorizontalCrs},
       {"root_count_x", kRootCountX},
       {"mode", m.mode},
@@ -139,6 +147,11 @@ std::string encode_manifest(const Manifest& m) {
       {"spacing_deg", m.spacing_deg},
       {"sources", std::move(sources)},
       {"posts", {{"source", m.n_source_posts}, {"filled", m.n_filled_posts}, {"falloff", m.n_falloff_posts}}},
+      {"lines",
+       {{"streams", m.lines.streams},
+        {"shores", m.lines.shores},
+        {"given", m.lines.given},
+        {"vertices", m.lines.vertices}}},
       {"options", json::parse(m.options_json)},
       {"content_hash", m.content_hash},
       {"levels", std::move(levels)}};
@@ -159,6 +172,10 @@ Result<Manifest> decode_manifest(ByteView text) {
     m.generator = j.at("generator").get<std::string>();
     m.attribution = j.at("attribution").get<std::string>();
     m.vertical_datum = j.at("vertical_datum").get<std::string>();
+    // Files of the first builders lack what came with projected sources, points and lines: they had none.
+    m.heights = j.value("heights", m.heights);
+    m.source_kind = j.value("source_kind", m.source_kind);
+    m.resampling = j.value("resampling", m.resampling);
     m.mode = j.at("mode").get<std::string>();
     const json& ellipsoid = j.at("ellipsoid");
     m.lattice.ellipsoid.name = ellipsoid.at("name").get<std::string>();
@@ -174,11 +191,17 @@ Result<Manifest> decode_manifest(ByteView text) {
     m.spacing_deg = j.at("spacing_deg").get<std::array<double, 2>>();
     for (const json& s : j.at("sources")) {
       m.sources.push_back({s.at("name").get<std::string>(), s.at("sha256").get<std::string>(),
-                           whole<std::int64_t>(s.at("n_cols")), whole<std::int64_t>(s.at("n_rows"))});
+                           whole<std::int64_t>(s.at("n_cols")), whole<std::int64_t>(s.at("n_rows")),
+                           s.contains("n_points") ? whole<std::uint64_t>(s["n_points"]) : 0, s.value("crs", "")});
     }
     m.n_source_posts = whole<std::uint64_t>(j.at("posts").at("source"));
     m.n_filled_posts = whole<std::uint64_t>(j.at("posts").at("filled"));
     m.n_falloff_posts = whole<std::uint64_t>(j.at("posts").at("falloff"));
+    if (j.contains("lines")) {
+      const json& lines = j["lines"];
+      m.lines = {whole<std::uint64_t>(lines.at("streams")), whole<std::uint64_t>(lines.at("shores")),
+                 whole<std::uint64_t>(lines.at("given")), whole<std::uint64_t>(lines.at("vertices"))};
+    }
     m.options_json = j.at("options").dump();
     m.content_hash = j.at("content_hash").get<std::string>();
     if (whole<int>(j.at("root_count_x")) != kRootCountX || m.bottom_level < 0 || m.lattice.level > kMaxLevel ||

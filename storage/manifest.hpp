@@ -41,7 +41,15 @@ struct LevelInfo {
 struct SourceInfo {
   std::string name;
   std::string sha256;
-  std::int64_t n_cols = 0, n_rows = 0;
+  std::int64_t n_cols = 0, n_rows = 0;  ///< Of a raster.
+  std::uint64_t n_points = 0;           ///< Of a point source, as read.
+  std::string crs;                      ///< Name of its own CRS; empty: it says none.
+};
+
+/// Break lines that the vertices of a pyramid follow; counts of chains.
+struct LineCounts {
+  std::uint64_t streams = 0, shores = 0, given = 0;
+  std::uint64_t vertices = 0;  ///< Drawn at the deepest level.
 };
 
 /// The manifest record (docs/format.md 9) as a value.
@@ -50,6 +58,9 @@ struct Manifest {
   std::string generator;
   std::string attribution;
   std::string vertical_datum;
+  std::string heights = "unknown";     ///< "orthometric", "ellipsoidal" or "unknown".
+  std::string source_kind = "raster";  ///< "raster", "warped" or "points".
+  std::string resampling = "none";     ///< "none", "bilinear" or "cubic".
   std::string mode;
   Lattice lattice;
   int bottom_level = 0;
@@ -60,6 +71,7 @@ struct Manifest {
   std::array<double, 2> spacing_deg{};  ///< longitude, latitude
   std::vector<SourceInfo> sources;
   std::uint64_t n_source_posts = 0, n_filled_posts = 0, n_falloff_posts = 0;
+  LineCounts lines;
   std::string options_json = "{}";
   std::string content_hash;  ///< Of all keys and values but the manifest's own (docs/format.md 9).
   std::vector<LevelInfo> levels;
