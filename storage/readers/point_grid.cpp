@@ -1,0 +1,294 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "storage/readers/point_grid.hpp"
+
+#include <algorithm>
+#include <atomic>
+#include <cmath>
+#include <exception>
+#include <limits>
+#include <thread>
+#include <tuple>
+#include <utility>
+
+#include <fmt/format.h>
+
+#include "core/delaunay_surface.hpp"
+#include "storage/readers/gdal_raster.hpp"
+#include "storage/readers/point_scatter.hpp"
+#include "storage/readers/scratch_map.hpp"
+#include "storage/readers/void_fill.hpp"
+
+namespace tind {
+namespace {
+
+/// Spacings along a block of points: 256 points on average.
+constexpr double kBlockSpacings = 16;
+/// Radius, in spacings, of the largest circle through three points between which the surface is theirs.
+constexpr double kMaxRadius = 16;
+/// Points that far around a window decide about its posts (core/delaunay_surface.hpp); one more for rounding.
+constexpr double kHalo = 2 * kMaxRadius + 1;
+constexpr std::int64_t kWindowPosts = 128;
+/// A window with more points around it is taken in quarters, down to kMinWindowPosts.
+constexpr std::size_t kMaxSites = std::size_t{1} << 20;
+constexpr std::int64_t kMinWindowPosts = 16;
+/// Grid posts a point, beyond a grid of some size: points scattered more thinly are a mistake (two countries at once).
+constexpr double kMaxPostsPerPoint = 4096, kSomePosts = 1e8;
+/// Rows that stay free between the rim and a pole, so that the field never has to meet there in one point.
+constexpr std::int64_t kRowsToPole = 2;
+
+/// Posts [row, row + n_rows) x [col, col + n_cols) of the grid.
+struct Window {
+  std::int64_t row = 0, col = 0, n_rows = 0, n_cols = 0;
+};
+
+}  // namespace
+
+struct PointGrid::Impl {
+  ScratchMap map;
+  ScatteredPoints points;
+  HeightField field;
+  PointGridCounts counts;
+  std::vector<std::string> notes;
+  PostGrid grid;
+  DataFrame frame;
+  double x_turn = 0;
+
+  /// Lays the grid around the points. Returns the falloff that fits.
+  Result<std::int64_t> lay_out(const PointSource& source, const Lattice& lattice, const PointGridOptions& options);
+  Result<void> scatter(const PointSource& source, const PointGridOptions& options,
+                       const std::function<void(double)>& progress);
+  void interpolate(int threads, const std::function<void(double)>& progress);
+  void interpolate_window(const Window& w) const;
+};
+
+Result<std::int64_t> PointGrid::Impl::lay_out(const PointSource& source, const Lattice& lattice,
+                                              const PointGridOptions& options) {
+  const auto bad = [&](const std::string& what) {
+    return fail(ErrorKind::kInvalidInput, fmt::format("{}: {}", source.files.front().path, what));
+  };
+  const double step = lattice.step_deg();
+  const double width = static_cast<double>(lattice.width()), height = static_cast<double>(lattice.height());
+  field.lattice = lattice;
+  field.dx = source.lon_spacing_deg / step;
+  field.dy = source.lat_spacing_deg / step;
+  field.base_height_m = options.base_height_m;
+  // Posts lie at whole spacings from the lattice's south-west corner; every point has posts within one spacing on all
+  // sides.
+  const auto first_post = [](double at, double spacing) {
+    return static_cast<std::int64_t>(std::ceil(at / spacing)) - 1;
+  };
+  const auto last_post = [](double at, double spacing) {
+    return static_cast<std::int64_t>(std::floor(at / spacing)) + 1;
+  };
+  const double rows_to_pole = height / field.dy, cols_around = width / field.dx;
+  if (!(rows_to_pole < 1e9) || !(cols_around < 1e9))
+    return bad("the spacing of its points is too small; give --spacing M");
+  const std::int64_t south_row = first_post(lattice_y(lattice, source.south_deg), field.dy);
+  const std::int64_t north_row = last_post(lattice_y(lattice, source.north_deg), field.dy);
+  const std::int64_t west_col = first_post(lattice_x(lattice, source.west_deg), field.dx);
+  const std::int64_t east_col = last_post(lattice_x(lattice, source.east_deg), field.dx);
+  const std::int64_t n_data_rows = north_row - south_row + 1, n_data_cols = east_col - west_col + 1;
+
+  const std::int64_t wanted = options.falloff_posts;
+  const std::int64_t to_south = south_row - kRowsToPole;
+  const std::int64_t to_north = static_cast<std::int64_t>(std::floor(rows_to_pole)) - kRowsToPole - north_row;
+  const std::int64_t around = (static_cast<std::int64_t>(std::floor(cols_around)) - n_data_cols) / 2;
+  if (around < 1) return bad("its points reach all around the globe; make a raster of them first: gdal_grid");
+  if (to_south < 1 || to_north < 1) return bad("its points reach a pole; make a raster of them first: gdal_grid");
+  const std::int64_t falloff = std::min({wanted, to_south, to_north, around});
+  if (falloff < wanted) {
+    notes.push_back(fmt::format("the points leave little room on the globe: the falloff is {} posts instead of {}",
+                                falloff, wanted));
+  }
+  const double n_posts =
+      static_cast<double>(n_data_rows + 2 * falloff) * static_cast<double>(n_data_cols + 2 * falloff);
+  if (n_posts > kSomePosts + kMaxPostsPerPoint * static_cast<double>(source.n_used)) {
+    return bad(
+        fmt::format("{} points {:.3g} m apart lie scattered over {:.3g} grid posts; build their parts one by one, or "
+                    "give a coarser --spacing M",
+                    source.n_used, source.spacing_m, n_posts));
+  }
+  grid.n_rows = n_data_rows + 2 * falloff;
+  grid.n_cols = n_data_cols + 2 * falloff;
+  frame = {falloff, falloff + n_data_rows - 1, falloff, falloff + n_data_cols - 1, true, true};
+  const auto n = static_cast<std::uint64_t>(grid.n_rows) * static_cast<std::uint64_t>(grid.n_cols);
+  auto scratch = ScratchMap::create(options.scratch_dir, n * (sizeof(float) + sizeof(PostOrigin)));
+  if (!scratch) return tl::unexpected(scratch.error());
+  map = std::move(*scratch);
+  grid.heights_m = static_cast<float*>(map.data());
+  grid.origins = reinterpret_cast<PostOrigin*>(grid.heights_m + n);
+  field.n_rows = grid.n_rows;
+  field.n_cols = grid.n_cols;
+  field.x0 = static_cast<double>(west_col - falloff) * field.dx;
+  field.y0 = static_cast<double>(south_row - falloff) * field.dy;
+  if (field.x0 < 0) {
+    field.x0 += width;
+    x_turn = width;
+  }
+  field.heights_m = grid.heights_m;
+  field.origins = grid.origins;
+  return falloff;
+}
+
+Result<void> PointGrid::Impl::scatter(const PointSource& source, const PointGridOptions& options,
+                                      const std::function<void(double)>& progress) {
+  ScatterOptions o;
+  o.lattice = field.lattice;
+  o.x_turn = x_turn;
+  // Points lie at least a spacing from the grid's corner, so that half a step does not matter.
+  o.x0 = std::floor(field.x0) + 0.5;
+  o.y0 = std::floor(field.y0) + 0.5;
+  o.side = std::max(1.0, std::round(kBlockSpacings * std::sqrt(field.dx * field.dy)));
+  o.n_rows = static_cast<std::int64_t>(std::floor((field.post_y(frame.north_row) - o.y0) / o.side)) + 1;
+  o.n_cols = static_cast<std::int64_t>(std::floor((field.post_x(frame.east_col) - o.x0) / o.side)) + 1;
+  o.scratch_dir = options.scratch_dir;
+  o.memory_bytes = options.memory_bytes;
+  auto scattered = scatter_points(source, o, progress);
+  if (!scattered) return tl::unexpected(scattered.error());
+  points = std::move(*scattered);
+  field.points = {o.x0, o.y0, o.side, o.n_rows, o.n_cols, points.first.data(), points.posts()};
+  counts.kept = points.first.back();
+  counts.duplicates = points.n_duplicates;
+  return {};
+}
+
+void PointGrid::Impl::interpolate_window(const Window& w) const {
+  // In spacings from the grid's corner: posts have whole coordinates, east and north are alike, and every window sees
+  // the same numbers.
+  const auto first_col = static_cast<double>(w.col), last_col = static_cast<double>(w.col + w.n_cols - 1);
+  const auto first_row = static_cast<double>(w.row), last_row = static_cast<double>(w.row + w.n_rows - 1);
+  std::vector<SurfaceSite> sites;
+  const auto x_of = [&](double u) { return field.x0 + u * field.dx; };
+  const auto y_of = [&](double v) { return field.y0 + v * field.dy; };
+  field.points.for_blocks(
+      x_of(first_col - kHalo), y_of(first_row - kHalo), x_of(last_col + kHalo), y_of(last_row + kHalo),
+      [&](const PointPost& p) {
+        const SurfaceSite s{(p.x - field.x0) / field.dx, (p.y - field.y0) / field.dy, p.height_m};
+        if (s.x < first_col - kHalo || s.x > last_col + kHalo || s.y < first_row - kHalo || s.y > last_row + kHalo)
+          return;
+        sites.push_back(s);
+      });
+  if (sites.empty()) return;
+  if (sites.size() > kMaxSites && std::max(w.n_rows, w.n_cols) > kMinWindowPosts) {
+    const std::int64_t south = (w.n_rows + 1) / 2, west = (w.n_cols + 1) / 2;
+    for (const Window& quarter :
+         {Window{w.row, w.col, south, west}, Window{w.row, w.col + west, south, w.n_cols - west},
+          Window{w.row + south, w.col, w.n_rows - south, west},
+          Window{w.row + south, w.col + west, w.n_rows - south, w.n_cols - west}}) {
+      if (quarter.n_rows > 0 && quarter.n_cols > 0) interpolate_window(quarter);
+    }
+    return;
+  }
+  const auto n = static_cast<std::size_t>(w.n_rows * w.n_cols);
+  std::vector<float> heights(n);
+  interpolate_posts(sites, {first_col, first_row, 1, w.n_rows, w.n_cols}, kMaxRadius, heights);
+
+  // No point may lie outside the data: posts within one spacing of a point that no triangle covers get the nearest
+  // one's height.
+  const auto distance2 = [](const SurfaceSite& s, double x, double y) {
+    return (s.x - x) * (s.x - x) + (s.y - y) * (s.y - y);
+  };
+  std::vector<const SurfaceSite*> nearest(n, nullptr);
+  for (const SurfaceSite& s : sites) {
+    const auto c_first = std::max(w.col, static_cast<std::int64_t>(std::ceil(s.x - 1)));
+    const auto c_last = std::min(w.col + w.n_cols - 1, static_cast<std::int64_t>(std::floor(s.x + 1)));
+    const auto r_first = std::max(w.row, static_cast<std::int64_t>(std::ceil(s.y - 1)));
+    const auto r_last = std::min(w.row + w.n_rows - 1, static_cast<std::int64_t>(std::floor(s.y + 1)));
+    for (std::int64_t r = r_first; r <= r_last; ++r) {
+      for (std::int64_t c = c_first; c <= c_last; ++c) {
+        const SurfaceSite*& best = nearest[static_cast<std::size_t>((r - w.row) * w.n_cols + c - w.col)];
+        const auto x = static_cast<double>(c), y = static_cast<double>(r);
+        const auto key = [&](const SurfaceSite& site) {
+          return std::make_tuple(distance2(site, x, y), site.y, site.x);
+        };
+        if (best == nullptr || key(s) < key(*best)) best = &s;
+      }
+    }
+  }
+  for (std::size_t i = 0; i < n; ++i) {
+    if (std::isnan(heights[i])) {
+      if (nearest[i] == nullptr) continue;
+      heights[i] = nearest[i]->height_m;
+    }
+    const auto k = static_cast<std::int64_t>(i);
+    const std::int64_t at = (w.row + k / w.n_cols) * grid.n_cols + w.col + k % w.n_cols;
+    grid.heights_m[at] = heights[i];
+    grid.origins[at] = PostOrigin::kSource;
+  }
+}
+
+void PointGrid::Impl::interpolate(int threads, const std::function<void(double)>& progress) {
+  std::vector<Window> windows;
+  for (std::int64_t r = frame.south_row; r <= frame.north_row; r += kWindowPosts) {
+    for (std::int64_t c = frame.west_col; c <= frame.east_col; c += kWindowPosts) {
+      windows.push_back(
+          {r, c, std::min(kWindowPosts, frame.north_row - r + 1), std::min(kWindowPosts, frame.east_col - c + 1)});
+    }
+  }
+  // Windows write their own posts alone, so their order does not matter.
+  std::atomic<std::size_t> next{0};
+  std::vector<std::exception_ptr> failures(static_cast<std::size_t>(std::max(threads, 1)));
+  const auto work = [&](std::size_t worker) {
+    try {
+      for (std::size_t i = next++; i < windows.size(); i = next++) {
+        interpolate_window(windows[i]);
+        if (worker == 0 && progress) progress(static_cast<double>(i + 1) / static_cast<double>(windows.size()));
+      }
+    } catch (...) {
+      failures[worker] = std::current_exception();
+      next = windows.size();
+    }
+  };
+  {
+    std::vector<std::jthread> others;
+    for (std::size_t t = 1; t < failures.size(); ++t) others.emplace_back(work, t);
+    work(0);
+  }
+  for (const std::exception_ptr& failure : failures) {
+    if (failure) std::rethrow_exception(failure);
+  }
+}
+
+PointGrid::PointGrid(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
+PointGrid::PointGrid(PointGrid&&) noexcept = default;
+PointGrid& PointGrid::operator=(PointGrid&&) noexcept = default;
+PointGrid::~PointGrid() = default;
+const HeightField& PointGrid::field() const { return impl_->field; }
+const PointGridCounts& PointGrid::counts() const { return impl_->counts; }
+const std::vector<std::string>& PointGrid::notes() const { return impl_->notes; }
+
+Result<PointGrid> PointGrid::load(const PointSource& source, const Lattice& lattice, const PointGridOptions& options,
+                                  const std::function<void(double)>& progress) {
+  if (options.falloff_posts < 1) return fail(ErrorKind::kInvalidInput, "the falloff needs at least 1 post");
+  if (!(std::abs(options.base_height_m) <= kMaxHeightM)) {
+    return fail(ErrorKind::kInvalidInput,
+                fmt::format("base height {} m is beyond +-{} m", options.base_height_m, kMaxHeightM));
+  }
+  const auto part = [&](double from, double to) -> std::function<void(double)> {
+    if (!progress) return {};
+    return [&progress, from, to](double fraction) { progress(from + fraction * (to - from)); };
+  };
+  PointGrid result(std::make_unique<Impl>());
+  Impl& impl = *result.impl_;
+  const auto falloff = impl.lay_out(source, lattice, options);
+  if (!falloff) return tl::unexpected(falloff.error());
+  if (auto ok = impl.scatter(source, options, part(0, 0.5)); !ok) return tl::unexpected(ok.error());
+  impl.interpolate(options.threads, part(0.5, 0.9));
+
+  // The fills know posts of the source only; what they leave as such is interpolated.
+  impl.counts.filled = fill_interior_voids(impl.grid, impl.frame);
+  impl.counts.falloff = add_falloff(impl.grid, options.base_height_m, *falloff);
+  for (std::int64_t i = 0; i < impl.grid.n_rows * impl.grid.n_cols; ++i) {
+    if (impl.grid.origins[i] != PostOrigin::kSource) continue;
+    impl.grid.origins[i] = PostOrigin::kInterpolated;
+    ++impl.counts.interpolated;
+  }
+  if (impl.counts.duplicates > 0) {
+    impl.notes.push_back(
+        fmt::format("{} points lie within a lattice step of a lower one and are left out", impl.counts.duplicates));
+  }
+  if (progress) progress(1.0);
+  return result;
+}
+
+}  // namespace tind
