@@ -103,5 +103,17 @@ OUT.mkdir(exist_ok=True)
 (OUT / "body.bin").write_bytes(body)
 (OUT / "body.zst").write_bytes(frame)
 (OUT / "tile.vn").write_bytes(vn)
-(OUT / "manifest.json").write_text(
-    json.dumps(manifest, sort_keys=True, separators=(",", ":"), ensure_ascii=False), "utf-8")
+
+
+def write_manifest(name, value):
+    (OUT / name).write_text(json.dumps(value, sort_keys=True, separators=(",", ":"), ensure_ascii=False), "utf-8")
+
+
+# Of the first builders: without what came with projected sources, points and lines.
+write_manifest("manifest_first.json", manifest)
+manifest["heights"] = "orthometric"
+manifest["source_kind"] = "warped"
+manifest["resampling"] = "cubic"
+manifest["sources"][0] |= {"n_points": 17, "crs": "WGS 84 / UTM zone 11N (EPSG:32611)"}
+manifest["lines"] = {"streams": 5, "shores": 2, "given": 1, "vertices": 321}
+write_manifest("manifest.json", manifest)

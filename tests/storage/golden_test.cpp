@@ -56,7 +56,11 @@ Manifest manifest_value() {
   m.disagreement_m = 0.5;
   m.bounds_deg = {-106, 37, -104, 38};
   m.spacing_deg = {0.25, 0.125};
-  m.sources = {{"a.tif", "00ff", 9, 7}};
+  m.heights = "orthometric";
+  m.source_kind = "warped";
+  m.resampling = "cubic";
+  m.lines = {5, 2, 1, 321};
+  m.sources = {{"a.tif", "00ff", 9, 7, 17, "WGS 84 / UTM zone 11N (EPSG:32611)"}};
   m.n_source_posts = 63;
   m.n_filled_posts = 2;
   m.n_falloff_posts = 1000;
@@ -125,6 +129,19 @@ TEST(GoldenV1, Manifest) {
   EXPECT_EQ(encode_manifest(*decoded), encode_manifest(manifest_value()));
   EXPECT_EQ(decoded->levels[0].rows[1].coverage, TileCoverage::kFiller);
   EXPECT_EQ(decoded->lattice.ellipsoid.inverse_flattening, 298.257223563);
+}
+
+TEST(GoldenV1, ManifestOfTheFirstBuilders) {
+  const auto decoded = decode_manifest(golden("manifest_first.json"));
+  ASSERT_TRUE(decoded) << decoded.error().message;
+  Manifest expected = manifest_value();
+  expected.heights = "unknown";
+  expected.source_kind = "raster";
+  expected.resampling = "none";
+  expected.lines = {};
+  expected.sources[0].n_points = 0;
+  expected.sources[0].crs = "";
+  EXPECT_EQ(encode_manifest(*decoded), encode_manifest(expected));
 }
 
 // Written by TileStoreWriter of tind 0.1.0 with LMDB 0.9.24.
