@@ -39,10 +39,10 @@ class Judge {
     }
   }
 
-  void see(std::int64_t row, std::int64_t column, double z_m) {
-    const std::int64_t at = row * posts_.n_cols + column;
+  /// `at`: the post's index; it must have a height.
+  void see(std::int64_t at, double z_m) {
+    if (posts_.is_uncertain(at)) return;
     const auto height = static_cast<double>(posts_.heights_m[static_cast<std::size_t>(at)]);
-    if (std::isnan(height)) return;
     ++looked_at_;
     const PostErrors errors = post_errors(posts_, at, z_m);
     worst_ = std::max(worst_, errors.nearest);
@@ -56,8 +56,8 @@ class Judge {
     check_.fail(
         fmt::format("tile {}{}: post at longitude {:.6f}, latitude {:.6f}: source {} m, TIN {:.3f} m, off by {:.3f} m "
                     "> E_L {:.3f} m",
-                    id_.text(), situation_.empty() ? "" : " " + situation_, posts_.longitude_deg(column),
-                    posts_.latitude_deg(row), height, z_m, errors.farthest, tolerance_m_));
+                    id_.text(), situation_.empty() ? "" : " " + situation_, posts_.longitude_of(at),
+                    posts_.latitude_of(at), height, z_m, errors.farthest, tolerance_m_));
   }
   double worst() const { return worst_; }
 
@@ -72,27 +72,32 @@ class Judge {
   double worst_ = 0;
 };
 
-/// Sums over posts, as ranges where the sources disagree.
+/// Sums over posts, as ranges where the sources disagree or where a post may not be one.
 struct PostSums {
-  std::uint64_t n_posts = 0;
+  std::uint64_t n_posts = 0, n_uncertain = 0;
   double max_low = 0, max_high = 0, squares_low = 0, squares_high = 0;
 
-  void see(const PostErrors& errors) {
-    ++n_posts;
-    max_low = std::max(max_low, errors.nearest);
+  void see(const PostErrors& errors, bool uncertain) {
+    ++(uncertain ? n_uncertain : n_posts);
     max_high = std::max(max_high, errors.farthest);
-    squares_low += errors.nearest * errors.nearest;
     squares_high += errors.farthest * errors.farthest;
+    if (uncertain) return;
+    max_low = std::max(max_low, errors.nearest);
+    squares_low += errors.nearest * errors.nearest;
   }
   void add(const PostSums& other) {
     n_posts += other.n_posts;
+    n_uncertain += other.n_uncertain;
     max_low = std::max(max_low, other.max_low);
     max_high = std::max(max_high, other.max_high);
     squares_low += other.squares_low;
     squares_high += other.squares_high;
   }
-  double rmse_low() const { return n_posts > 0 ? std::sqrt(squares_low / static_cast<double>(n_posts)) : 0; }
-  double rmse_high() const { return n_posts > 0 ? std::sqrt(squares_high / static_cast<double>(n_posts)) : 0; }
+  bool fits(std::uint64_t n) const { return n >= n_posts && n <= n_posts + n_uncertain; }
+  /// Of `n` posts that have these squares.
+  static double rmse(double squares, std::uint64_t n) {
+    return n > 0 ? std::sqrt(squares / static_cast<double>(n)) : 0;
+  }
 };
 
 /// Which sides of its tile a post lies on within the rounding of real positions. A body counts posts with west <= X <
@@ -124,11 +129,12 @@ void compare_stored(Run& run, const Tile& tile, const TileSums& sums) {
   bool count_fits = false;
   for (unsigned inside = 0; inside < kSideBits; ++inside) {
     const PostSums s = sum_of(sums, inside);
-    if (s.n_posts != tile.n_posts) continue;
+    if (!s.fits(tile.n_posts)) continue;
     count_fits = true;
     const double slack = 1e-5 * (1 + s.max_high) + (run.posts->rounded ? 1e-3 : 0);
-    if (stored_max >= s.max_low - slack && stored_max <= s.max_high + slack && stored_rmse >= s.rmse_low() - slack &&
-        stored_rmse <= s.rmse_high() + slack) {
+    if (stored_max >= s.max_low - slack && stored_max <= s.max_high + slack &&
+        stored_rmse >= PostSums::rmse(s.squares_low, tile.n_posts) - slack &&
+        stored_rmse <= PostSums::rmse(s.squares_high, tile.n_posts) + slack) {
       return;
     }
   }
@@ -137,53 +143,51 @@ void compare_stored(Run& run, const Tile& tile, const TileSums& sums) {
     check.fail(fmt::format("{}says {} source posts, the source has {} in it", name, tile.n_posts, s.n_posts));
   } else {
     check.fail(fmt::format("{}says max error {:.6f} m and RMSE {:.6f} m, measured {:.6f} m and {:.6f} m", name,
-                           stored_max, stored_rmse, s.max_high, s.rmse_high()));
+                           stored_max, stored_rmse, s.max_high, PostSums::rmse(s.squares_high, tile.n_posts)));
   }
 }
 
+/// A triangle of a tile as a piece of surface.
+std::array<SurfacePoint, 3> corners_of(const Corners& t, const std::vector<Vertex>& vertices, double unit_m) {
+  return {surface_point(vertices[t[0]], unit_m), surface_point(vertices[t[1]], unit_m),
+          surface_point(vertices[t[2]], unit_m)};
+}
+
 /// Measures one tile as stored.
-TileSums measure_tile(Run& run, const Tile& tile, std::vector<double>& surface) {
+TileSums measure_tile(Run& run, const Tile& tile) {
   const SourcePosts& posts = *run.posts;
   const LatticeFrame& frame = run.manifest.frame;
   const double unit = frame.unit_m(), side = static_cast<double>(frame.side(tile.id.level));
   Check& check = run.check("source-error");
   Judge judge(run, tile.id, check, "");
   TileSums sums;
-  for (const PostWindow& w : post_windows(posts, frame, tile.id)) {
-    surface.assign(static_cast<std::size_t>(w.n_rows * w.n_columns), std::numeric_limits<double>::quiet_NaN());
-    for (const Corners& t : tile.triangles) {
-      const std::array<SurfacePoint, 3> p = {surface_point(tile.vertices[t[0]], unit),
-                                             surface_point(tile.vertices[t[1]], unit),
-                                             surface_point(tile.vertices[t[2]], unit)};
-      scan_triangle(p, w, [&](std::int64_t r, std::int64_t c, double z) {
-        surface[static_cast<std::size_t>(r * w.n_columns + c)] = z;
-      });
+  const TilePosts tile_posts(posts, frame, tile.id);
+  std::vector<double> surface(tile_posts.size(), std::numeric_limits<double>::quiet_NaN());
+  for (const Corners& t : tile.triangles) {
+    tile_posts.scan(corners_of(t, tile.vertices, unit), [&](std::size_t slot, double z) { surface[slot] = z; });
+  }
+  for (std::size_t slot = 0; slot < tile_posts.size(); ++slot) {
+    const auto place = tile_posts.place(slot);
+    if (!posts.has(place.at)) continue;
+    const double z = surface[slot];
+    if (std::isnan(z)) {
+      check.fail(fmt::format("tile {}: no triangle holds the post at longitude {:.6f}, latitude {:.6f}", tile.id.text(),
+                             posts.longitude_of(place.at), posts.latitude_of(place.at)));
+      continue;
     }
-    for (std::int64_t r = 0; r < w.n_rows; ++r) {
-      for (std::int64_t c = 0; c < w.n_columns; ++c) {
-        const std::int64_t at = (w.row0 + r) * posts.n_cols + w.column0 + c;
-        if (std::isnan(posts.heights_m[static_cast<std::size_t>(at)])) continue;
-        const double z = surface[static_cast<std::size_t>(r * w.n_columns + c)];
-        if (std::isnan(z)) {
-          check.fail(fmt::format("tile {}: no triangle holds the post at longitude {:.6f}, latitude {:.6f}",
-                                 tile.id.text(), posts.longitude_deg(w.column0 + c), posts.latitude_deg(w.row0 + r)));
-          continue;
-        }
-        judge.see(w.row0 + r, w.column0 + c, z);
-        sums[sides_of(w.post_x(c), w.post_y(r), side, w.nudge)].see(post_errors(posts, at, z));
-      }
-    }
+    judge.see(place.at, z);
+    sums[sides_of(place.x, place.y, side, tile_posts.nudge())].see(post_errors(posts, place.at, z),
+                                                                   posts.is_uncertain(place.at));
   }
   return sums;
 }
 
 /// Source posts that a level's half-open tiles can hold: all but those on the north pole.
 std::uint64_t posts_below_the_pole(const SourcePosts& posts) {
-  std::uint64_t n = posts.n_posts;
-  for (std::int64_t r = posts.n_rows - 1; r >= 0 && posts.latitude_deg(r) > 90 - 1e-9; --r) {
-    for (std::int64_t c = 0; c < posts.n_cols; ++c) {
-      n -= std::isnan(posts.heights_m[static_cast<std::size_t>(r * posts.n_cols + c)]) ? 0 : 1;
-    }
+  std::uint64_t n = 0;
+  for (std::size_t k = 0; k < posts.heights_m.size(); ++k) {
+    const auto at = static_cast<std::int64_t>(k);
+    if (posts.has(at) && !posts.is_uncertain(at) && posts.latitude_of(at) <= 90 - 1e-9) ++n;
   }
   return n;
 }
@@ -202,8 +206,7 @@ void check_source_errors(Run& run) {
   std::vector<std::uint64_t> stored_posts(run.report.levels.size());
   for_each_parallel(nodes.size(), run.options.threads, [&](std::size_t k) {
     if (nodes[k].tile == nullptr) return;
-    std::vector<double> surface;
-    const TileSums sums = measure_tile(run, *nodes[k].tile, surface);
+    const TileSums sums = measure_tile(run, *nodes[k].tile);
     compare_stored(run, *nodes[k].tile, sums);
     const auto level = static_cast<std::size_t>(nodes[k].id.level);
     const std::lock_guard lock(run.figures_mutex);
@@ -215,7 +218,7 @@ void check_source_errors(Run& run) {
     LevelFigures& figures = run.figures(static_cast<int>(l));
     figures.posts = by_level[l].n_posts;
     figures.measured_max_error_m = by_level[l].max_high;
-    figures.measured_rmse_m = by_level[l].rmse_high();
+    figures.measured_rmse_m = PostSums::rmse(by_level[l].squares_high, by_level[l].n_posts + by_level[l].n_uncertain);
     if (!run.pyramid.is_sample() && by_level[l].n_posts != expected) {
       check.fail(fmt::format("level {}: tiles hold {} of the source's {} posts", l, by_level[l].n_posts, expected));
     }
@@ -235,14 +238,11 @@ double scan_changed_triangles(const Run& run, const TileId& id, const Tessellate
                               const std::string& situation) {
   const double unit = run.manifest.frame.unit_m();
   Judge judge(run, id, check, situation);
-  for (const PostWindow& w : post_windows(*run.posts, run.manifest.frame, id)) {
-    for (std::size_t k = mesh.first_changed; k < mesh.triangles.size(); ++k) {
-      const Corners& t = mesh.triangles[k];
-      const std::array<SurfacePoint, 3> p = {surface_point(mesh.vertices[t[0]], unit),
-                                             surface_point(mesh.vertices[t[1]], unit),
-                                             surface_point(mesh.vertices[t[2]], unit)};
-      scan_triangle(p, w, [&](std::int64_t r, std::int64_t c, double z) { judge.see(w.row0 + r, w.column0 + c, z); });
-    }
+  const TilePosts tile_posts(*run.posts, run.manifest.frame, id);
+  for (std::size_t k = mesh.first_changed; k < mesh.triangles.size(); ++k) {
+    tile_posts.scan(corners_of(mesh.triangles[k], mesh.vertices, unit), [&](std::size_t slot, double z) {
+      if (tile_posts.has(slot)) judge.see(tile_posts.place(slot).at, z);
+    });
   }
   return judge.worst();
 }
@@ -255,7 +255,7 @@ void check_tessellated_errors(Run& run) {
   std::atomic<bool> any{false};
   for_each_parallel(nodes.size(), run.options.threads, [&](std::size_t k) {
     const Node& node = nodes[k];
-    if (node.tile == nullptr || post_windows(*run.posts, pyramid.frame(), node.id).empty()) return;
+    if (node.tile == nullptr || TilePosts(*run.posts, pyramid.frame(), node.id).empty()) return;
     // All four sides at once against what stands beyond them down to level L + gap; deeper gaps until nothing new
     // comes.
     for (int gap = 1;; ++gap) {

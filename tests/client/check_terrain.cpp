@@ -87,17 +87,16 @@ std::array<TerrainBorder, 4> borders_of(const TerrainMesh& mesh) {
 double measure_mesh(const Run& run, const TileId& id, const TerrainMesh& mesh) {
   const double scale = static_cast<double>(run.manifest.frame.side(id.level)) / kMaxValue;
   double worst = 0;
-  for (const PostWindow& w : post_windows(*run.posts, run.manifest.frame, id)) {
-    for (const Corners& t : mesh.triangles) {
-      std::array<SurfacePoint, 3> p;
-      for (std::size_t c = 0; c < 3; ++c) p[c] = {mesh.u[t[c]] * scale, mesh.v[t[c]] * scale, mesh.height_m(t[c])};
-      scan_triangle(p, w, [&](std::int64_t r, std::int64_t c, double z) {
-        const std::int64_t at = (w.row0 + r) * run.posts->n_cols + w.column0 + c;
-        if (!std::isnan(run.posts->heights_m[static_cast<std::size_t>(at)])) {
-          worst = std::max(worst, post_errors(*run.posts, at, z).nearest);
-        }
-      });
-    }
+  const TilePosts tile_posts(*run.posts, run.manifest.frame, id);
+  for (const Corners& t : mesh.triangles) {
+    std::array<SurfacePoint, 3> p;
+    for (std::size_t c = 0; c < 3; ++c) p[c] = {mesh.u[t[c]] * scale, mesh.v[t[c]] * scale, mesh.height_m(t[c])};
+    tile_posts.scan(p, [&](std::size_t slot, double z) {
+      const std::int64_t at = tile_posts.place(slot).at;
+      if (run.posts->has(at) && !run.posts->is_uncertain(at)) {
+        worst = std::max(worst, post_errors(*run.posts, at, z).nearest);
+      }
+    });
   }
   return worst;
 }

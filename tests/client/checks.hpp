@@ -53,6 +53,10 @@ void check_nested_borders(Run& run);
 void check_runs(Run& run);
 /// Random and adversarial quadtree cuts of the whole globe.
 void check_cuts(Run& run);
+/// The manifest's grid of posts, or its number of points, against the sources.
+void check_source_grid(Run& run);
+void check_warped_spacing(Run& run);
+void check_kept_points(Run& run);
 /// |TIN - h| at the source's posts: as stored, and with all four sides tessellated against each finer level.
 void check_source_errors(Run& run);
 void check_tessellated_errors(Run& run);

@@ -4,6 +4,8 @@
 #include <unistd.h>
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
+#include <charconv>
 #include <cstdio>
 #include <fstream>
 #include <nlohmann/json.hpp>
@@ -21,14 +23,18 @@ struct Arguments {
   tind::client::SourceOptions source_options;
   tind::client::VerifyOptions verify;
   std::string json_path;
+  std::string classes;
+  std::string resampling;
   bool quiet = false;
 };
 
 void describe_options(CLI::App& app, Arguments& a) {
   app.add_option("URL", a.url, "The dataset: http://HOST:PORT/NAME (NAME may be left out when there is only one)")
       ->required();
-  app.add_option("--source", a.sources,
-                 "Raster(s) that the pyramid was built from: check |TIN - h| <= E_L at every post");
+  app.add_option(
+      "--source", a.sources,
+      "Raster(s) or points (.las, .xyz, .csv) that the pyramid was built from: check |TIN - h| <= E_L at every "
+      "post");
   app.add_option("--cuts", a.verify.cuts, "Quadtree cuts of the globe to join and check")
       ->check(CLI::NonNegativeNumber)
       ->capture_default_str();
@@ -43,6 +49,15 @@ void describe_options(CLI::App& app, Arguments& a) {
                  "Value that marks a void in the sources (default: as the file says)");
   app.add_option("--metres-per-unit", a.source_options.metres_per_unit,
                  "Vertical unit of the sources (default: as the file says)");
+  app.add_option("--source-crs", a.source_options.source_crs,
+                 "Coordinate system of the sources, e.g. EPSG:32611 (default: as the file says)");
+  app.add_option("--class", a.classes, "Classes of points to keep, N[,N...] or all (.las only; default: 2, ground)");
+  app.add_option("--resampling", a.resampling, "How projected rasters become posts (default: as the manifest says)")
+      ->check(CLI::IsMember({"bilinear", "cubic"}));
+  auto* datum = app.add_option("--vertical-datum", a.source_options.vertical_datum,
+                               "System of the sources' heights, e.g. EPSG:5773: they become ellipsoidal");
+  app.add_option("--geoid", a.source_options.geoid, "Grid of geoid heights to add to the sources' (.gtx, .tif)")
+      ->excludes(datum);
   app.add_option("--json", a.json_path, "Write everything that was found to this file");
   app.add_flag("--quiet", a.quiet, "No progress lines");
 }
@@ -52,10 +67,33 @@ int fail(int code, const std::string& message) {
   return code;
 }
 
+/// "2,9" or "all" (nullopt) or nothing (left as it is); false: none of these.
+bool parse_classes(const std::string& text, std::optional<std::vector<int>>& classes) {
+  if (text.empty()) return true;
+  if (text == "all") {
+    classes.reset();
+    return true;
+  }
+  classes.emplace();
+  std::size_t at = 0;
+  while (at <= text.size()) {
+    const std::size_t end = std::min(text.find(',', at), text.size());
+    int number = 0;
+    const auto [stop, error] = std::from_chars(text.data() + at, text.data() + end, number);
+    if (error != std::errc() || stop != text.data() + end || number < 0 || number > 255) return false;
+    classes->push_back(number);
+    at = end + 1;
+  }
+  return true;
+}
+
 int run(Arguments a) {
   using namespace tind::client;
   const auto url = parse_dataset_url(a.url);
   if (!url) return fail(kUsage, url.error());
+  if (!parse_classes(a.classes, a.source_options.classes)) {
+    return fail(kUsage, "--class " + a.classes + ": give numbers from 0 to 255 with commas between them, or all");
+  }
   if (!a.quiet) {
     const bool terminal = isatty(STDERR_FILENO) != 0;
     a.verify.progress = [terminal](const std::string& what) {
@@ -72,7 +110,11 @@ int run(Arguments a) {
   }
   std::optional<SourcePosts> posts;
   if (!a.sources.empty()) {
-    auto read = read_source_posts(a.sources, a.source_options);
+    const auto manifest = fetch_manifest(source, a.verify.dataset);
+    if (!manifest) return fail(kFailed, manifest.error());
+    GridClaim claim = claim_of(*manifest);
+    if (!a.resampling.empty()) claim.cubic = a.resampling == "cubic";
+    auto read = read_source_posts(a.sources, a.source_options, claim);
     if (!read) return fail(kUsage, read.error());
     posts = std::move(*read);
   }

@@ -57,6 +57,10 @@ class MemberReader {
     }
     return values;
   }
+  /// Leaves `into` as it is when the member is not there.
+  void string_if_there(const char* name, std::string& into) {
+    if (object_.contains(name)) into = string(name);
+  }
   const std::string& fault() const { return fault_; }
 
  private:
@@ -212,6 +216,8 @@ Outcome<ManifestView> read_manifest(BlobView bytes) {
   m.disagreement_m = in.number("disagreement_m");
   m.bounds_deg = in.numbers<4>("bounds_deg");
   m.spacing_deg = in.numbers<2>("spacing_deg");
+  in.string_if_there("source_kind", m.source_kind);
+  in.string_if_there("resampling", m.resampling);
   in.array("sources");
   in.object("options");
   MemberReader ellipsoid(in.object("ellipsoid"), "ellipsoid");
@@ -250,6 +256,10 @@ std::vector<std::string> find_manifest_faults(const ManifestView& m) {
   expect(m.root_count_x == 2, fmt::format("root_count_x is {}, not 2", m.root_count_x));
   expect(m.horizontal_crs == "EPSG:4326", fmt::format("horizontal_crs is '{}'", m.horizontal_crs));
   expect(m.mode == "standard" || m.mode == "non-standard", fmt::format("mode is '{}'", m.mode));
+  expect(m.source_kind == "raster" || m.source_kind == "warped" || m.source_kind == "points",
+         fmt::format("source_kind is '{}'", m.source_kind));
+  expect(m.source_kind != "warped" || m.resampling == "bilinear" || m.resampling == "cubic",
+         fmt::format("the source is warped, but resampling is '{}'", m.resampling));
   expect(m.semi_major_m > 0 && m.inverse_flattening > 0, "the ellipsoid has no size");
   const auto& [west, south, east, north] = m.bounds_deg;
   expect(west <= east && south <= north && south >= -90.0000001 && north <= 90.0000001, "bounds_deg are out of order");
@@ -259,10 +269,11 @@ std::vector<std::string> find_manifest_faults(const ManifestView& m) {
   expect(m.frame.unit_m() <= e_bottom / 256 || m.frame.height_exponent == 16,
          fmt::format("a height unit of {} m is more than 1/256 of E_bottom {} m", m.frame.unit_m(), e_bottom));
   for (const LevelView& level : m.levels) {
-    const double doubled = std::ldexp(e_bottom, m.bottom_level - level.level);
-    expect(std::abs(level.tolerance_m - doubled) <= 1e-9 * doubled,
-           fmt::format("level {}: E_L is {} m, not {} m (it halves from level to level)", level.level,
-                       level.tolerance_m, doubled));
+    const auto next = static_cast<std::size_t>(level.level) + 1;
+    const double finer_m = next < m.levels.size() ? m.levels[next].tolerance_m : 0;
+    expect(level.tolerance_m > finer_m,
+           fmt::format("level {}: E_L is {} m, not above {} m (it falls from level to level)", level.level,
+                       level.tolerance_m, finer_m));
     expect(level.max_error_m <= level.tolerance_m * (1 + 1e-6),
            fmt::format("level {}: max_error_m {} is above E_L {}", level.level, level.max_error_m, level.tolerance_m));
     expect(level.rmse_m <= level.max_error_m * (1 + 1e-6),

@@ -39,6 +39,8 @@ struct ManifestView {
   std::array<double, 4> bounds_deg{};
   std::array<double, 2> spacing_deg{};
   std::uint64_t n_source_posts = 0;
+  std::string source_kind = "raster";  ///< Or "warped" or "points".
+  std::string resampling = "none";     ///< Of warped posts: "bilinear" or "cubic".
   std::vector<LevelView> levels;
 
   bool has(const TileId& id) const {

@@ -30,6 +30,10 @@ void add_checks(Report& report) {
   report.add("runs", "run codes = entry-level decoding of the finer lines, for every gap", "runs");
   report.add("codes", "the codes route counts what the entry levels say, for every coarser gap", "borders");
   report.add("cuts", "random quadtree cuts of the globe are watertight in integers", "cuts");
+  report.add("source-grid", "meta.json's kind, spacing and bounds are those of the source's posts", "figures");
+  report.add("warped-spacing", "warped posts are nowhere coarser than the source's cells, at multiples of the spacing",
+             "figures");
+  report.add("kept-points", "meta.json and every level count exactly the source's kept points", "counts");
   report.add("source-error", "|TIN - h| <= E_L at every source post on every level", "posts");
   report.add("stored-error", "each tile's stored post count, max error and RMSE are the measured ones", "tiles");
   report.add("tessellated-error", "|TIN - h| <= E_L in VTs re-triangulated against each finer level", "posts");
@@ -61,17 +65,24 @@ Outcome<std::string> find_only_dataset(TileSource& source) {
                        : fmt::format("the server has {} datasets ({}): add one's name to the URL", n, names));
 }
 
-Outcome<std::unique_ptr<Report>> verify(TileSource& source, const SourcePosts* posts, const VerifyOptions& options) {
-  const auto start = std::chrono::steady_clock::now();
-  options.progress("reading the manifest");
-  const std::string path = "/" + options.dataset + "/meta.json";
+Outcome<ManifestView> fetch_manifest(TileSource& source, const std::string& dataset) {
+  const std::string path = "/" + dataset + "/meta.json";
   const auto answer = source.get(path);
   if (!answer) return refuse(answer.error());
   if (answer->status != 200) {
-    return refuse(
-        fmt::format("{} answers {}: is '{}' the name of a dataset there?", path, answer->status, options.dataset));
+    return refuse(fmt::format("{} answers {}: is '{}' the name of a dataset there?", path, answer->status, dataset));
   }
-  const auto manifest = read_manifest(answer->body);
+  return read_manifest(answer->body);
+}
+
+GridClaim claim_of(const ManifestView& manifest) {
+  return {manifest.frame, manifest.spacing_deg, manifest.resampling == "cubic"};
+}
+
+Outcome<std::unique_ptr<Report>> verify(TileSource& source, const SourcePosts* posts, const VerifyOptions& options) {
+  const auto start = std::chrono::steady_clock::now();
+  options.progress("reading the manifest");
+  const auto manifest = fetch_manifest(source, options.dataset);
   if (!manifest) return refuse(manifest.error());
 
   auto report = std::make_unique<Report>();
@@ -106,6 +117,9 @@ Outcome<std::unique_ptr<Report>> verify(TileSource& source, const SourcePosts* p
   step("shared borders", check_shared_borders);
   step("nested borders", check_nested_borders);
   step("runs", check_runs);
+  step("grid of posts", check_source_grid);
+  step("spacing of warped posts", check_warped_spacing);
+  step("kept points", check_kept_points);
   step("source posts", check_source_errors);
   step("source posts in re-triangulated virtual triangles", check_tessellated_errors);
   step("cuts", check_cuts);

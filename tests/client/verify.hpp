@@ -6,6 +6,7 @@
 #include <memory>
 #include <string>
 
+#include "tests/client/manifest_view.hpp"
 #include "tests/client/report.hpp"
 #include "tests/client/source_posts.hpp"
 #include "tests/client/tile_source.hpp"
@@ -24,6 +25,12 @@ struct VerifyOptions {
 
 /// The dataset that a daemon serves when it serves exactly one (route /datasets).
 Outcome<std::string> find_only_dataset(TileSource& source);
+
+/// The manifest of a dataset, as it is served.
+Outcome<ManifestView> fetch_manifest(TileSource& source, const std::string& dataset);
+
+/// The grid of posts that a manifest claims: what reading the sources needs.
+GridClaim claim_of(const ManifestView& manifest);
 
 /// Runs every check of docs/verify.md. `posts` may be null: then the checks against the source are skipped. A refusal
 /// means that nothing could be checked at all: no connection, or a manifest that cannot be read.
