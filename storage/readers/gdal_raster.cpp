@@ -2,321 +2,51 @@
 #include "storage/readers/gdal_raster.hpp"
 
 #include <algorithm>
-#include <cctype>
 #include <cmath>
-#include <cstring>
 #include <limits>
-#include <numeric>
-#include <tuple>
+#include <optional>
 #include <utility>
 
-#include <cpl_string.h>
-#include <cpl_vsi.h>
 #include <fmt/format.h>
-#include <gdal_priv.h>
-#include <ogr_spatialref.h>
 
-#include "storage/readers/gdal_errors.hpp"
-#include "storage/readers/sha256.hpp"
+#include "storage/readers/mosaic_layout.hpp"
+#include "storage/readers/pixel_transform.hpp"
+#include "storage/readers/raster_file.hpp"
+#include "storage/readers/raster_warper.hpp"
+#include "storage/readers/vertical_shift.hpp"
+#include "storage/readers/warp_plan.hpp"
 
 namespace tind {
 namespace {
 
-/// Sources must agree with the grid within this share of a post.
-constexpr double kAlignPosts = 1e-3;
-/// A spacing that misses one whole part of a degree by less than this share of a post over the whole raster is a
-/// decimal rounding of it.
-constexpr double kSnapPosts = 1e-4;
-/// A raster that misses closing around the globe by less than this share of a post has a rounded spacing in its header.
-constexpr double kClosePosts = 0.1;
-
-std::string lower(std::string text) {
-  std::transform(text.begin(), text.end(), text.begin(), [](unsigned char c) { return std::tolower(c); });
-  return text;
-}
-
-bool ends_with_zip(const std::string& path) { return path.size() > 4 && lower(path.substr(path.size() - 4)) == ".zip"; }
-
-/// Everything to know about one input. Rows of the file run from `top` by `lat_step` (negative: north-up).
-struct Source {
-  RasterSource info;
-  std::string gdal_name;
-  double west = 0, south = 0;  ///< First used post, degrees.
-  double dx = 0, dy = 0;       ///< Positive, degrees.
-  bool north_up = true;
-  std::int64_t skip_south = 0;  ///< Rows south of the first used one.
-  bool has_nodata = false;
-  double nodata = 0;
-  double scale = 1, offset = 0;  ///< metres = raw * scale + offset
-  bool has_mask = false;
-  std::string vertical_datum;
-  std::vector<std::string> notes;
-  GDALDatasetUniquePtr dataset;
-};
-
-tl::unexpected<Error> bad(const Source& s, const std::string& what) {
-  return fail(ErrorKind::kInvalidInput, fmt::format("{}: {}", s.info.path, what));
-}
-
-Result<std::string> hash_file(const std::string& name) {
-  VSILFILE* file = VSIFOpenL(name.c_str(), "rb");
-  if (file == nullptr) return fail(ErrorKind::kIo, fmt::format("{}: cannot read the file", name));
-  Sha256 sha;
-  std::vector<char> buffer(1 << 20);
-  std::size_t n = 0;
-  while ((n = VSIFReadL(buffer.data(), 1, buffer.size(), file)) > 0) sha.update(buffer.data(), n);
-  VSIFCloseL(file);
-  return sha.finish_hex();
-}
-
-/// The GDAL name of the one raster in a zip archive.
-Result<std::string> raster_in_zip(const Source& s) {
-  const std::string root = "/vsizip/" + s.info.path;
-  const CPLStringList entries(VSIReadDirRecursive(root.c_str()));
-  std::vector<std::string> rasters;
-  for (int i = 0; i < entries.Count(); ++i) {
-    const std::string name = root + "/" + entries[i];
-    if (name.back() != '/' && GDALIdentifyDriverEx(name.c_str(), GDAL_OF_RASTER, nullptr, nullptr))
-      rasters.push_back(name);
-  }
-  if (rasters.size() == 1) return rasters[0];
-  if (entries.Count() == 0) return bad(s, "not a zip archive, or an empty or truncated one");
-  if (rasters.empty()) return bad(s, "the archive holds no raster that GDAL reads");
-  return bad(s, fmt::format("the archive holds {} rasters; name one, for example {}", rasters.size(), rasters[0]));
-}
-
-/// Metres per vertical unit by the names that rasters use; nullopt: unknown.
-std::optional<double> metres_per_unit(const std::string& unit) {
-  std::string name;
-  for (const char c : lower(unit)) name += c == '_' || c == '-' ? ' ' : c;
-  const auto is_one_of = [&](std::initializer_list<const char*> names) {
-    return std::any_of(names.begin(), names.end(), [&](const char* n) { return name == n; });
-  };
-  if (is_one_of({"", "m", "metre", "metres", "meter", "meters"})) return 1.0;
-  if (is_one_of({"ft", "foot", "feet", "international foot", "international feet"})) return 0.3048;
-  if (is_one_of({"us survey foot", "us survey feet", "foot us", "ftus", "us ft", "us foot", "u.s. survey foot",
-                 "survey foot"}))
-    return 1200.0 / 3937.0;
-  if (is_one_of({"dm", "decimetre", "decimeter", "decimetres", "decimeters"})) return 0.1;
-  if (is_one_of({"cm", "centimetre", "centimeter", "centimetres", "centimeters"})) return 0.01;
-  if (is_one_of({"mm", "millimetre", "millimeter", "millimetres", "millimeters"})) return 0.001;
-  if (is_one_of({"km", "kilometre", "kilometer", "kilometres", "kilometers"})) return 1000.0;
-  return std::nullopt;
-}
-
-/// The spacing with which n columns (or all but a repeated last one) close exactly around the globe, if they nearly do.
-std::optional<double> closing_spacing(double spacing, std::int64_t n) {
-  for (const auto columns : {static_cast<double>(n), static_cast<double>(n - 1)}) {
-    if (std::abs(columns - 360.0 / spacing) <= kClosePosts) return 360.0 / columns;
-  }
-  return std::nullopt;
-}
-
-double snap_spacing(double spacing, std::int64_t n) {
-  const double per_degree = 1.0 / spacing, whole = std::round(per_degree);
-  const bool close = whole >= 1 && std::abs(per_degree - whole) / per_degree * static_cast<double>(n) <= kSnapPosts;
-  return close ? 1.0 / whole : spacing;
-}
-
-/// Posts at whole or half spacings from 0 (all arc-second grids) get that very position.
-double snap_origin(double degrees, double spacing) {
-  const double halves = degrees / spacing * 2.0, whole = std::round(halves);
-  return std::abs(halves - whole) <= 2 * kSnapPosts ? whole / (2.0 / spacing) : degrees;
-}
-
-Result<void> read_crs(Source& s) {
-  const OGRSpatialReference* crs = s.dataset->GetSpatialRef();
-  if (crs == nullptr || crs->IsEmpty()) {
-    const double east = s.west + s.dx * static_cast<double>(s.info.n_cols - 1);
-    const double north = s.south + s.dy * static_cast<double>(s.info.n_rows - 1);
-    if (s.west < -361 || east > 541 || s.south < -91 || north > 91) {
-      return bad(s,
-                 "no CRS, and its coordinates are not degrees; give it one with gdal_translate -a_srs, then gdalwarp "
-                 "-t_srs EPSG:4326");
-    }
-    s.notes.push_back(fmt::format("{}: no CRS; its degrees are taken as EPSG:4326", s.info.name));
-    return {};
-  }
-  if (!crs->IsGeographic() || crs->IsDerivedGeographic()) {
-    return bad(s,
-               fmt::format("CRS \"{}\" is not geographic; warp it first: gdalwarp -t_srs EPSG:4326 -r bilinear IN OUT",
-                           crs->GetName() ? crs->GetName() : "?"));
-  }
-  constexpr double kDegree = 0.0174532925199433;
-  if (std::abs(crs->GetAngularUnits() / kDegree - 1) > 1e-9 || std::abs(crs->GetPrimeMeridian()) > 1e-12) {
-    return bad(s, "its CRS does not count degrees from Greenwich; warp it first: gdalwarp -t_srs EPSG:4326 IN OUT");
-  }
-  if (crs->GetSemiMajor() < 6370000 || crs->GetSemiMajor() > 6385000) {
-    s.notes.push_back(
-        fmt::format("{}: not a CRS of the Earth; its latitudes and longitudes are used as they are", s.info.name));
-  } else if (const char* datum = crs->GetAttrValue("DATUM"); datum != nullptr && std::strstr(datum, "1927")) {
-    s.notes.push_back(
-        fmt::format("{}: datum {} is taken as WGS 84 without a shift (it may be off by 100 m; gdalwarp "
-                    "-t_srs EPSG:4326 shifts it)",
-                    s.info.name, datum));
-  }
-  if (const char* datum = crs->GetAttrValue("VERT_CS")) s.vertical_datum = datum;
-  return {};
-}
-
-Result<void> read_vertical(Source& s, GDALRasterBand& band, const RasterOptions& options) {
-  int has_nodata = 0;
-  const double nodata = band.GetNoDataValue(&has_nodata);
-  s.has_nodata = has_nodata != 0 || options.nodata.has_value();
-  s.nodata = options.nodata.value_or(nodata);
-  s.has_mask = (band.GetMaskFlags() & (GMF_PER_DATASET | GMF_ALPHA)) != 0;
-
-  double factor = 1;
-  if (options.metres_per_unit) {
-    factor = *options.metres_per_unit;
-    if (!(factor > 0) || !std::isfinite(factor)) {
-      return fail(ErrorKind::kInvalidInput, fmt::format("{} metres per unit is not a positive number", factor));
-    }
-  } else if (const std::string unit = band.GetUnitType(); !unit.empty()) {
-    const auto known = metres_per_unit(unit);
-    if (!known)
-      return bad(
-          s, fmt::format("vertical unit \"{}\" is not known; say how many metres it has with --metres-per-unit", unit));
-    factor = *known;
-  } else if (const auto* crs = s.dataset->GetSpatialRef(); crs != nullptr && crs->GetAttrNode("VERT_CS")) {
-    const double vertical = crs->GetTargetLinearUnits("VERT_CS", nullptr);
-    if (vertical > 0) factor = vertical;
-  }
-  int has_scale = 0, has_offset = 0;
-  const double scale = band.GetScale(&has_scale), offset = band.GetOffset(&has_offset);
-  s.scale = (has_scale ? scale : 1.0) * factor;
-  s.offset = (has_offset ? offset : 0.0) * factor;
-  if (!std::isfinite(s.scale) || s.scale == 0 || !std::isfinite(s.offset))
-    return bad(s, "its scale or offset is broken");
-  return {};
-}
-
-/// GDAL reads what a raw binary file lacks as zeros, without a word.
-bool raw_file_is_short(GDALDataset& dataset) {
-  const std::string driver = dataset.GetDriver()->GetDescription();
-  GDALRasterBand& band = *dataset.GetRasterBand(1);
-  const char* compression = dataset.GetMetadataItem("file_compression", "ENVI");
-  if ((driver != "ENVI" && driver != "EHdr") || band.GetMetadataItem("NBITS", "IMAGE_STRUCTURE") != nullptr ||
-      (compression != nullptr && std::string(compression) != "0")) {
-    return false;
-  }
-  VSIStatBufL stat;
-  const auto needed = static_cast<vsi_l_offset>(dataset.GetRasterXSize()) *
-                      static_cast<vsi_l_offset>(dataset.GetRasterYSize()) *
-                      static_cast<vsi_l_offset>(GDALGetDataTypeSizeBytes(band.GetRasterDataType()));
-  return VSIStatL(dataset.GetDescription(), &stat) == 0 && static_cast<vsi_l_offset>(stat.st_size) < needed;
-}
-
-Result<void> open_dataset(Source& s) {
-  GdalErrors errors;
-  s.dataset.reset(GDALDataset::Open(s.gdal_name.c_str(), GDAL_OF_RASTER | GDAL_OF_READONLY | GDAL_OF_VERBOSE_ERROR));
-  if (s.dataset) return {};
-  VSIStatBufL stat;
-  if (VSIStatL(s.info.path.c_str(), &stat) != 0) {
-    // A name with a colon may be a GDAL connection string; then GDAL's words say more.
-    return bad(s, s.info.path.find(':') == std::string::npos ? "no such file" : "cannot be opened" + errors.detail());
-  }
-  if (VSI_ISDIR(stat.st_mode)) return bad(s, "is a folder; name the raster files in it");
-  if (stat.st_size == 0) return bad(s, "is an empty file");
-  return bad(s, "not a raster that GDAL can read, or a truncated one" + errors.detail());
-}
-
-/// Opens one input and reads all of its header.
-Result<Source> inspect(const std::string& path, const RasterOptions& options) {
-  Source s;
-  s.info.path = path;
-  s.info.name = path.substr(path.find_last_of('/') + 1);
-  s.gdal_name = path;
-  VSIStatBufL stat;
-  if (ends_with_zip(path) && path.rfind("/vsi", 0) != 0 && VSIStatL(path.c_str(), &stat) == 0) {
-    GdalErrors quiet;
-    auto name = raster_in_zip(s);
-    if (!name) return tl::unexpected(name.error());
-    s.gdal_name = *name;
-  }
-  if (auto opened = open_dataset(s); !opened) return tl::unexpected(opened.error());
-  GdalErrors errors;
-  if (s.dataset->GetRasterCount() == 0) {
-    return bad(s, s.dataset->GetMetadata("SUBDATASETS") != nullptr
-                      ? "holds several rasters; name one as gdalinfo lists it (SUBDATASET_1_NAME)"
-                      : "holds no raster band");
-  }
-  s.info.n_cols = s.dataset->GetRasterXSize();
-  s.info.n_rows = s.dataset->GetRasterYSize();
-  if (s.info.n_cols < 2 || s.info.n_rows < 2) return bad(s, "needs at least 2 x 2 posts");
-  if (s.dataset->GetRasterCount() > 1) {
-    s.notes.push_back(
-        fmt::format("{}: {} bands; heights are read from band 1", s.info.name, s.dataset->GetRasterCount()));
-  }
-  GDALRasterBand& band = *s.dataset->GetRasterBand(1);
-  if (raw_file_is_short(*s.dataset)) return bad(s, "is truncated: shorter than its header says");
-  if (GDALDataTypeIsComplex(band.GetRasterDataType())) return bad(s, "band 1 holds complex numbers, not heights");
-
-  double gt[6];
-  if (s.dataset->GetGeoTransform(gt) != CE_None) {
-    return bad(s, s.dataset->GetGCPCount() > 0
-                      ? "placed by ground control points; warp it first: gdalwarp -t_srs EPSG:4326 IN OUT"
-                      : "has no geotransform, so nothing says where it lies; set one with "
-                        "gdal_translate -a_ullr");
-  }
-  const double pixel = std::max(std::abs(gt[1]), std::abs(gt[5]));
-  if (std::abs(gt[2]) > 1e-9 * pixel || std::abs(gt[4]) > 1e-9 * pixel) {
-    return bad(s, "is rotated or sheared; make it north-up first: gdalwarp -t_srs EPSG:4326 IN OUT");
-  }
-  if (!(gt[1] > 0) || gt[5] == 0 || !std::all_of(gt, gt + 6, [](double v) { return std::isfinite(v); })) {
-    return bad(s, "its geotransform is mirrored or broken; make it north-up first: gdalwarp -t_srs EPSG:4326 IN OUT");
-  }
-  s.north_up = gt[5] < 0;
-  s.dx = snap_spacing(gt[1], s.info.n_cols);
-  s.dy = snap_spacing(std::abs(gt[5]), s.info.n_rows);
-  if (const auto closing = closing_spacing(gt[1], s.info.n_cols)) {
-    if (std::abs(*closing / s.dx - 1) * static_cast<double>(s.info.n_cols) > kAlignPosts) {
-      s.notes.push_back(fmt::format(
-          "{}: its columns reach around the globe but for {:.3f} of a post; their spacing is taken as {} degrees",
-          s.info.name, std::abs(360.0 / gt[1] - 360.0 / *closing), *closing));
-    }
-    s.dx = *closing;
-  }
-  const double south_row = s.north_up ? static_cast<double>(s.info.n_rows) - 0.5 : 0.5;
-  s.west = snap_origin(gt[0] + 0.5 * gt[1], s.dx);
-  s.south = snap_origin(gt[3] + south_row * gt[5], s.dy);
-  if (auto ok = read_crs(s); !ok) return tl::unexpected(ok.error());
-  if (auto ok = read_vertical(s, band, options); !ok) return tl::unexpected(ok.error());
-
-  // Rows beyond a pole are no place on the globe.
-  const auto rows_to = [&](double latitude) { return (latitude - s.south) / s.dy; };
-  s.skip_south = std::max<std::int64_t>(0, std::llround(std::ceil(rows_to(-90.0) - kAlignPosts)));
-  const auto last = std::min(s.info.n_rows - 1, std::int64_t{std::llround(std::floor(rows_to(90.0) + kAlignPosts))});
-  s.info.n_used_rows = last - s.skip_south + 1;
-  s.info.n_used_cols = s.info.n_cols;
-  if (s.info.n_used_rows < 2 || s.west < -361 || s.west > 361) return bad(s, "lies outside the globe's degrees");
-  if (s.info.n_used_rows < s.info.n_rows) {
-    s.notes.push_back(
-        fmt::format("{}: {} rows beyond a pole are left out", s.info.name, s.info.n_rows - s.info.n_used_rows));
-  }
-  s.south += static_cast<double>(s.skip_south) * s.dy;
-  s.west -= 360.0 * std::floor((s.west + 180.0 + kAlignPosts * s.dx) / 360.0);
-
-  std::string hashed = path;
-  if (VSIStatL(path.c_str(), &stat) != 0) {
-    const CPLStringList files(s.dataset->GetFileList());
-    if (files.Count() > 0) hashed = files[0];
-  }
-  auto hash = hash_file(hashed);
-  if (!hash) return tl::unexpected(hash.error());
-  s.info.sha256 = *hash;
-  s.dataset.reset();  // read_rows() opens it again: a mosaic may have more files than a process may have open
-  return s;
-}
-
-auto canonical_key(const Source& s) {
-  return std::tie(s.south, s.west, s.info.n_rows, s.info.n_cols, s.info.sha256, s.info.name);
-}
+/// Posts are warped in blocks of this many rows and columns, so that the cells behind them lie together.
+constexpr std::int64_t kBlockRows = 64, kBlockCols = 256;
+/// Zeros beside voids are suspicious where everything else is higher than this.
+constexpr float kStrayAboveM = 10;
+constexpr std::int64_t kSuspicionValues = std::int64_t{1} << 22;
 
 }  // namespace
 
 struct RasterMosaic::Impl {
-  std::vector<Source> sources;  ///< Same order as RasterMosaic::sources.
+  /// A source at work; `warper` and `native` are there only while it is read.
+  struct Reader {
+    std::optional<RasterWarper> warper;
+    std::optional<PixelTransform> native;
+  };
+  std::vector<RasterFile> files;  ///< Same order as RasterMosaic::sources.
+  std::vector<Reader> readers;
+  std::optional<VerticalShift> shift;
+  Resampling resampling = Resampling::kBilinear;
+  WarpGrid grid;
+
+  Result<void> plan_warped(RasterMosaic& m);
+  Result<void> settle_heights(RasterMosaic& m, const RasterOptions& options);
+  /// Longitude and latitude of the mosaic's post (row, column), degrees.
+  Place post(const RasterMosaic& m, std::int64_t row, std::int64_t col) const;
+  Result<void> read_own(std::size_t s, std::int64_t first_row, std::int64_t n, std::vector<float>& heights_m,
+                        std::uint64_t& n_implausible);
+  Result<void> read_warped(const RasterMosaic& m, std::size_t s, std::int64_t first_row, std::int64_t n,
+                           std::vector<float>& heights_m, std::uint64_t& n_implausible);
 };
 
 RasterMosaic::RasterMosaic(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
@@ -324,189 +54,278 @@ RasterMosaic::RasterMosaic(RasterMosaic&&) noexcept = default;
 RasterMosaic& RasterMosaic::operator=(RasterMosaic&&) noexcept = default;
 RasterMosaic::~RasterMosaic() = default;
 
-namespace {
-
-/// Gives every source its rows and columns in the mosaic's grid, and the grid its size.
-Result<void> place(RasterMosaic& m, std::vector<Source>& sources) {
-  const Source& first = sources.front();
-  double dx = first.dx;
-  const double around = std::round(360.0 / dx);
-  const bool closes = std::abs(360.0 / dx - around) <= kAlignPosts && around >= 2;
-  if (closes) dx = 360.0 / around;
-  const auto n_around = static_cast<std::int64_t>(around);
-
-  std::int64_t last_row = 0;
-  for (Source& s : sources) {
-    const double cols_off = std::abs(s.dx / dx - 1) * static_cast<double>(s.info.n_cols);
-    const double rows_off = std::abs(s.dy / first.dy - 1) * static_cast<double>(s.info.n_rows);
-    if (cols_off > kAlignPosts || rows_off > kAlignPosts) {
-      return bad(
-          s, fmt::format("its posts are {} x {} degrees apart, those of {} {} x {}; resample first: gdalwarp -tr", s.dx,
-                         s.dy, first.info.name, dx, first.dy));
-    }
-    const double row = (s.south - first.south) / first.dy;
-    // The same meridian has two names near longitude 180: take the one that lies on the grid.
-    double col = (s.west - first.west) / dx;
-    for (const double turn : {-360.0, 360.0}) {
-      const double other = (s.west - first.west + turn) / dx;
-      if (std::abs(other - std::round(other)) < std::abs(col - std::round(col)) - kAlignPosts) col = other;
-    }
-    if (std::abs(row - std::round(row)) > kAlignPosts || std::abs(col - std::round(col)) > kAlignPosts) {
-      return bad(
-          s, fmt::format("its posts do not lie on the grid of {}; resample first: gdalwarp -tap -tr", first.info.name));
-    }
-    s.info.grid_row = std::llround(row);
-    s.info.grid_col = std::llround(col);
-    last_row = std::max(last_row, s.info.grid_row + s.info.n_used_rows);
+/// Gives every file its window of one common grid, in the members that otherwise describe its own grid.
+Result<void> RasterMosaic::Impl::plan_warped(RasterMosaic& m) {
+  std::vector<WarpExtent> extents;
+  for (RasterFile& f : files) {
+    const auto transform = PixelTransform::create(f);
+    if (!transform) return tl::unexpected(transform.error());
+    const auto extent = measure_extent(f, *transform);
+    if (!extent) return tl::unexpected(extent.error());
+    extents.push_back(*extent);
+    f.info.operation = transform->operation();
   }
-  m.lat_spacing_deg = first.dy;
-  m.lon_spacing_deg = dx;
-  m.south_deg = first.south;  // the canonical order starts with the southernmost
-  m.n_rows = last_row;
-
-  if (!closes) {
-    std::int64_t low = 0, high = 0;
-    for (const Source& s : sources) {
-      low = std::min(low, s.info.grid_col);
-      high = std::max(high, s.info.grid_col + s.info.n_used_cols);
-    }
-    if (static_cast<double>(high - low) > 360.0 / dx) {
-      return fail(ErrorKind::kInvalidInput,
-                  fmt::format("{}: reaches around the globe, but 360 degrees are not a whole number of posts; "
-                              "resample first: gdalwarp -tr",
-                              first.info.path));
-    }
-    for (Source& s : sources) s.info.grid_col -= low;
-    m.west_deg = first.west + static_cast<double>(low) * dx;
-    m.n_cols = high - low;
-  } else {
-    // Columns counted around the globe from the first one at or east of longitude -180.
-    double start = std::ceil((-180.0 - first.west) / dx - kAlignPosts);
-    const double zero_deg = first.west + start * dx;
-    struct Arc {
-      std::int64_t begin, end;
-    };
-    std::vector<Arc> arcs;
-    for (Source& s : sources) {
-      if (s.info.n_used_cols > n_around) {
-        s.notes.push_back(fmt::format("{}: {} columns repeat others after 360 degrees and are left out", s.info.name,
-                                      s.info.n_used_cols - n_around));
-        s.info.n_used_cols = n_around;
-      }
-      auto col = (s.info.grid_col - static_cast<std::int64_t>(start)) % n_around;
-      s.info.grid_col = col < 0 ? col + n_around : col;
-      arcs.push_back({s.info.grid_col, s.info.grid_col + s.info.n_used_cols});
-    }
-    std::sort(arcs.begin(), arcs.end(),
-              [](const Arc& a, const Arc& b) { return std::tie(a.begin, a.end) < std::tie(b.begin, b.end); });
-    // The mosaic starts after the widest gap; no gap: it closes around the globe.
-    std::int64_t reach = arcs.front().end;
-    for (const Arc& a : arcs) reach = std::max(reach, a.end);
-    reach -= n_around;  // how far arcs that pass longitude 180 cover the beginning
-    std::int64_t widest = 0, west_col = 0;
-    for (const Arc& a : arcs) {
-      // Before the first arc the gap is what is left behind the arcs that end last.
-      if (a.begin - reach > widest) {
-        widest = a.begin - reach;
-        west_col = a.begin;
-      }
-      reach = std::max(reach, a.end);
-    }
-    m.wraps = widest == 0;
-    m.n_cols = n_around - widest;
-    for (Source& s : sources) s.info.grid_col = (s.info.grid_col - west_col + n_around) % n_around;
-    m.west_deg = zero_deg + static_cast<double>(west_col) * dx;
+  auto planned = plan_warp(extents, files);
+  if (!planned) return tl::unexpected(planned.error());
+  grid = std::move(*planned);
+  for (std::size_t i = 0; i < files.size(); ++i) {
+    RasterFile& f = files[i];
+    const WarpWindow& w = grid.windows[i];
+    const std::int64_t half = 180 * grid.lon_per_degree;
+    const std::int64_t col = ((w.first_col + half) % (2 * half) + 2 * half) % (2 * half) - half;
+    f.dx = 1 / static_cast<double>(grid.lon_per_degree);
+    f.dy = 1 / static_cast<double>(grid.lat_per_degree);
+    f.west = static_cast<double>(col) / static_cast<double>(grid.lon_per_degree);
+    f.south = static_cast<double>(w.first_row) / static_cast<double>(grid.lat_per_degree);
+    f.info.n_used_cols = w.n_cols;
+    f.info.n_used_rows = w.n_rows;
   }
-  m.west_deg = snap_origin(m.west_deg, dx);
-  if (m.west_deg >= 180.0) m.west_deg -= 360.0;
-  if (m.west_deg < -180.0) m.west_deg += 360.0;
+  m.warped = true;
+  m.resampling = resampling == Resampling::kCubic ? "cubic" : "bilinear";
   return {};
 }
 
-}  // namespace
+Place RasterMosaic::Impl::post(const RasterMosaic& m, std::int64_t row, std::int64_t col) const {
+  if (!m.warped) {
+    return {m.west_deg + static_cast<double>(col) * m.lon_spacing_deg,
+            m.south_deg + static_cast<double>(row) * m.lat_spacing_deg};
+  }
+  const auto per_lon = static_cast<double>(grid.lon_per_degree), per_lat = static_cast<double>(grid.lat_per_degree);
+  std::int64_t i = std::llround(m.west_deg * per_lon) + col;
+  if (i >= 180 * grid.lon_per_degree) i -= 360 * grid.lon_per_degree;
+  const std::int64_t j = std::llround(m.south_deg * per_lat) + row;
+  return {static_cast<double>(i) / per_lon, static_cast<double>(j) / per_lat};
+}
+
+Result<void> RasterMosaic::Impl::settle_heights(RasterMosaic& m, const RasterOptions& options) {
+  const RasterFile& first = files.front();
+  m.vertical_datum = first.vertical_datum.empty() ? "unknown" : first.vertical_datum;
+  m.height_kind = first.height_kind;
+  if (!shift) {
+    for (const RasterFile& s : files) {
+      if (s.vertical_datum != first.vertical_datum) {
+        m.notes.push_back(fmt::format("{}: its vertical datum differs from that of {}", s.info.name, first.info.name));
+      }
+    }
+    return {};
+  }
+  if (auto ok = shift->settle(post(m, m.n_rows / 2, m.n_cols / 2)); !ok) return ok;
+  m.height_kind = "ellipsoidal";
+  m.vertical_operation = shift->operation();
+  m.vertical_datum =
+      shift->operation().empty() ? shift->datum() : fmt::format("WGS 84 ellipsoid, from {}", shift->datum());
+  for (const RasterFile& s : files) {
+    if (s.height_kind == "ellipsoidal" && !shift->operation().empty()) {
+      m.notes.push_back(fmt::format("{}: its CRS says that its heights are ellipsoidal; {} shifts them all the same",
+                                    s.info.name, options.geoid.empty() ? "--vertical-datum" : "--geoid"));
+    }
+  }
+  return {};
+}
 
 Result<RasterMosaic> RasterMosaic::open(const std::vector<std::string>& paths, const RasterOptions& options) {
   if (paths.empty()) return fail(ErrorKind::kInvalidInput, "no input raster given");
   GDALAllRegister();
   auto impl = std::make_unique<Impl>();
+  impl->resampling = options.resampling;
+  if (!options.vertical_datum.empty() || !options.geoid.empty()) {
+    auto shift = VerticalShift::create(options.vertical_datum, options.geoid);
+    if (!shift) return tl::unexpected(shift.error());
+    impl->shift = std::move(*shift);
+  }
   for (const std::string& path : paths) {
-    auto source = inspect(path, options);
-    if (!source) return tl::unexpected(source.error());
-    impl->sources.push_back(std::move(*source));
+    auto file = inspect_raster(path, options, impl->shift ? impl->shift->unit_m() : 1.0);
+    if (!file) return tl::unexpected(file.error());
+    impl->files.push_back(std::move(*file));
   }
-  std::sort(impl->sources.begin(), impl->sources.end(),
-            [](const Source& a, const Source& b) { return canonical_key(a) < canonical_key(b); });
   RasterMosaic m(std::move(impl));
-  auto& sources = m.impl_->sources;
-  const auto same = [](const Source& a, const Source& b) {
-    return std::tie(a.south, a.west, a.info.sha256) == std::tie(b.south, b.west, b.info.sha256);
-  };
-  if (const auto end = std::unique(sources.begin(), sources.end(), same); end != sources.end()) {
-    m.notes.push_back(fmt::format("{} inputs given twice are used once", sources.end() - end));
-    sources.erase(end, sources.end());
+  auto& files = m.impl_->files;
+  std::size_t n_twice = sort_sources(files);
+  if (const auto reason = why_warp(files)) {
+    if (auto planned = m.impl_->plan_warped(m); !planned) return tl::unexpected(planned.error());
+    n_twice += sort_sources(files);
+    const WarpGrid& grid = m.impl_->grid;
+    m.notes.push_back(fmt::format("{}; sources are warped to posts 1/{} x 1/{} degrees apart ({})", *reason,
+                                  grid.lon_per_degree, grid.lat_per_degree, m.resampling));
+  } else {
+    for (RasterFile& s : files) s.notes.insert(s.notes.end(), s.own_grid_notes.begin(), s.own_grid_notes.end());
   }
-  if (auto placed = place(m, sources); !placed) return tl::unexpected(placed.error());
-  m.vertical_datum = sources.front().vertical_datum.empty() ? "unknown" : sources.front().vertical_datum;
-  for (const Source& s : sources) {
+  if (n_twice > 0) m.notes.push_back(fmt::format("{} inputs given twice are used once", n_twice));
+  place_sources(m, files);
+  if (m.warped) {
+    const Place corner = m.impl_->post(m, 0, 0);
+    m.west_deg = corner.x;
+    m.south_deg = corner.y;
+  }
+  if (auto settled = m.impl_->settle_heights(m, options); !settled) return tl::unexpected(settled.error());
+  m.native_spacing_m = files.front().info.native_spacing_m;
+  for (const RasterFile& s : files) {
     m.sources.push_back(s.info);
     m.notes.insert(m.notes.end(), s.notes.begin(), s.notes.end());
-    if (s.vertical_datum != sources.front().vertical_datum) {
-      m.notes.push_back(
-          fmt::format("{}: its vertical datum differs from that of {}", s.info.name, sources.front().info.name));
+    m.native_spacing_m = std::min(m.native_spacing_m, s.info.native_spacing_m);
+  }
+  m.impl_->readers.resize(files.size());
+  return m;
+}
+
+Result<void> RasterMosaic::Impl::read_own(std::size_t index, std::int64_t first_row, std::int64_t n,
+                                          std::vector<float>& heights_m, std::uint64_t& n_implausible) {
+  RasterFile& s = files[index];
+  // From rows counted northwards among the used ones to rows of the file.
+  const std::int64_t from_south = s.skip_south + first_row;
+  const std::int64_t file_row = s.north_up ? s.info.n_rows - from_south - n : from_south;
+  const std::int64_t n_cols = s.info.n_used_cols;
+  if (auto ok = s.read_window(0, file_row, n_cols, n, heights_m, n_implausible); !ok) return ok;
+  if (s.north_up) {
+    for (std::int64_t low = 0, high = n - 1; low < high; ++low, --high) {
+      const auto a = heights_m.begin() + low * n_cols, b = heights_m.begin() + high * n_cols;
+      std::swap_ranges(a, a + n_cols, b);
     }
   }
-  return m;
+  return {};
+}
+
+Result<void> RasterMosaic::Impl::read_warped(const RasterMosaic& m, std::size_t index, std::int64_t first_row,
+                                             std::int64_t n, std::vector<float>& heights_m,
+                                             std::uint64_t& n_implausible) {
+  RasterFile& s = files[index];
+  auto& warper = readers[index].warper;
+  if (!warper) {
+    auto transform = PixelTransform::create(s);
+    if (!transform) return tl::unexpected(transform.error());
+    warper.emplace(s, std::move(*transform), resampling);
+  }
+  const std::int64_t n_cols = s.info.n_used_cols;
+  heights_m.resize(static_cast<std::size_t>(n * n_cols));
+  std::vector<Place> places;
+  std::vector<float> block;
+  for (std::int64_t r0 = 0; r0 < n; r0 += kBlockRows) {
+    const std::int64_t r1 = std::min(r0 + kBlockRows, n);
+    for (std::int64_t c0 = 0; c0 < n_cols; c0 += kBlockCols) {
+      const std::int64_t c1 = std::min(c0 + kBlockCols, n_cols);
+      places.clear();
+      for (std::int64_t r = r0; r < r1; ++r) {
+        for (std::int64_t c = c0; c < c1; ++c) {
+          const std::int64_t col = s.info.grid_col + c;
+          places.push_back(post(m, s.info.grid_row + first_row + r, col < m.n_cols ? col : col - m.n_cols));
+        }
+      }
+      block.resize(places.size());
+      if (auto ok = warper->sample(places, block.data(), n_implausible); !ok) return ok;
+      for (std::int64_t r = r0; r < r1; ++r)
+        std::copy_n(block.begin() + (r - r0) * (c1 - c0), c1 - c0, heights_m.begin() + r * n_cols + c0);
+    }
+  }
+  return {};
 }
 
 Result<void> RasterMosaic::read_rows(std::size_t index, std::int64_t first_row, std::int64_t n,
                                      std::vector<float>& heights_m, std::uint64_t& n_implausible) const {
-  Source& s = impl_->sources[index];
-  const std::int64_t n_used_cols = s.info.n_used_cols;
-  if (!s.dataset) {
-    if (auto opened = open_dataset(s); !opened) return opened;
-  }
-  GdalErrors errors;
-  // From rows counted northwards among the used ones to rows of the file.
-  const std::int64_t from_south = s.skip_south + first_row;
-  const std::int64_t file_row = s.north_up ? s.info.n_rows - from_south - n : from_south;
-  const auto n_values = static_cast<std::size_t>(n * n_used_cols);
-  std::vector<double> raw(n_values);
-  std::vector<std::uint8_t> mask(s.has_mask ? n_values : 0);
-  const int x_size = static_cast<int>(n_used_cols), y_size = static_cast<int>(n), y_off = static_cast<int>(file_row);
-  GDALRasterBand& band = *s.dataset->GetRasterBand(1);
-  CPLErr status =
-      band.RasterIO(GF_Read, 0, y_off, x_size, y_size, raw.data(), x_size, y_size, GDT_Float64, 0, 0, nullptr);
-  if (status == CE_None && s.has_mask) {
-    status = band.GetMaskBand()->RasterIO(GF_Read, 0, y_off, x_size, y_size, mask.data(), x_size, y_size, GDT_Byte, 0,
-                                          0, nullptr);
-  }
-  if (status != CE_None || errors.failed()) {
-    return fail(ErrorKind::kIo, fmt::format("{}: reading rows {} to {} failed: the file is truncated or damaged{}",
-                                            s.info.path, file_row, file_row + n - 1, errors.detail()));
-  }
-  heights_m.resize(n_values);
-  constexpr float kVoid = std::numeric_limits<float>::quiet_NaN();
-  // A nodata value of a float32 band is often written with fewer digits than the posts have.
-  const bool is_float32 = band.GetRasterDataType() == GDT_Float32;
-  const auto nodata_float = static_cast<float>(s.nodata);
-  for (std::int64_t r = 0; r < n; ++r) {
-    const std::int64_t in = (s.north_up ? n - 1 - r : r) * n_used_cols;
-    float* out = heights_m.data() + r * n_used_cols;
-    for (std::int64_t c = 0; c < n_used_cols; ++c) {
-      const double v = raw[static_cast<std::size_t>(in + c)];
-      const bool marked = s.has_nodata && (v == s.nodata || (is_float32 && static_cast<float>(v) == nodata_float));
-      if (marked || !std::isfinite(v) || (s.has_mask && mask[static_cast<std::size_t>(in + c)] == 0)) {
-        out[c] = kVoid;
-        continue;
+  Impl& impl = *impl_;
+  const RasterSource& s = sources[index];
+  auto read = warped ? impl.read_warped(*this, index, first_row, n, heights_m, n_implausible)
+                     : impl.read_own(index, first_row, n, heights_m, n_implausible);
+  if (!read) return read;
+  if (impl.shift) {
+    std::vector<Place> places(static_cast<std::size_t>(s.n_used_cols));
+    for (std::int64_t r = 0; r < n; ++r) {
+      for (std::int64_t c = 0; c < s.n_used_cols; ++c) {
+        const std::int64_t col = (s.grid_col + c) % n_cols;
+        places[static_cast<std::size_t>(c)] = impl.post(*this, s.grid_row + first_row + r, col);
       }
-      const double metres = v * s.scale + s.offset;
-      const bool plausible = std::abs(metres) <= kMaxHeightM;
-      n_implausible += plausible ? 0 : 1;
-      out[c] = plausible ? static_cast<float>(metres) : kVoid;
+      if (auto ok = impl.shift->apply(places, heights_m.data() + r * s.n_used_cols); !ok) return ok;
     }
   }
-  if (first_row + n == s.info.n_used_rows) s.dataset.reset();
+  if (first_row + n == s.n_used_rows) {
+    impl.readers[index].warper.reset();
+    impl.files[index].dataset.reset();
+  }
   return {};
+}
+
+Result<void> RasterMosaic::read_native_rows(std::size_t index, std::int64_t first_row, std::int64_t n,
+                                            NativePosts& posts) const {
+  Impl& impl = *impl_;
+  RasterFile& s = impl.files[index];
+  std::uint64_t n_implausible = 0;
+  if (auto ok = s.read_window(0, first_row, s.info.n_cols, n, posts.heights_m, n_implausible); !ok) return ok;
+  auto& transform = impl.readers[index].native;
+  if (warped && !transform) {
+    auto created = PixelTransform::create(s);
+    if (!created) return tl::unexpected(created.error());
+    transform = std::move(*created);
+  }
+  std::vector<Place> places;
+  for (std::int64_t r = first_row; r < first_row + n; ++r) {
+    for (std::int64_t c = 0; c < s.info.n_cols; ++c) {
+      if (warped) {
+        places.push_back({static_cast<double>(c) + 0.5, static_cast<double>(r) + 0.5});
+      } else {
+        const std::int64_t from_south = (s.north_up ? s.info.n_rows - 1 - r : r) - s.skip_south;
+        const Place p = impl.post(*this, s.info.grid_row + from_south, s.info.grid_col + c);
+        places.push_back({std::remainder(p.x, 360.0), std::abs(p.y) <= 90 + kAlignPosts * s.dy ? p.y : INFINITY});
+      }
+    }
+  }
+  if (warped) transform->to_globe(places);
+  if (impl.shift) {
+    for (std::size_t i = 0; i < places.size(); ++i) {
+      if (!std::isfinite(places[i].x) || !std::isfinite(places[i].y))
+        posts.heights_m[i] = std::numeric_limits<float>::quiet_NaN();
+    }
+    if (auto ok = impl.shift->apply(places, posts.heights_m.data()); !ok) return ok;
+  }
+  posts.lon_deg.resize(places.size());
+  posts.lat_deg.resize(places.size());
+  for (std::size_t i = 0; i < places.size(); ++i) {
+    posts.lon_deg[i] = places[i].x;
+    posts.lat_deg[i] = places[i].y;
+  }
+  if (first_row + n == s.info.n_rows) {
+    transform.reset();
+    s.dataset.reset();
+  }
+  return {};
+}
+
+Result<std::vector<std::string>> RasterMosaic::suspicions() const {
+  std::vector<std::string> lines;
+  for (RasterFile& s : impl_->files) {
+    const float lowest = s.signs.lowest_other;
+    if (!s.signs.has_void || !s.signs.has_zero || !(lowest > kStrayAboveM) || !std::isfinite(lowest)) continue;
+    const std::int64_t width = s.info.n_cols, height = s.info.n_rows;
+    const std::int64_t step = std::max<std::int64_t>(1, kSuspicionValues / width);
+    std::vector<float> heights;
+    std::uint64_t n_zero = 0, n_beside = 0, n_implausible = 0;
+    for (std::int64_t begin = 0; begin < height; begin += step) {
+      const std::int64_t end = std::min(begin + step, height), low = std::max<std::int64_t>(begin - 1, 0),
+                         high = std::min(end + 1, height);
+      if (auto ok = s.read_window(0, low, width, high - low, heights, n_implausible); !ok)
+        return tl::unexpected(ok.error());
+      const auto at = [&](std::int64_t r, std::int64_t c) {
+        return heights[static_cast<std::size_t>((r - low) * width + c)];
+      };
+      for (std::int64_t r = begin; r < end; ++r) {
+        for (std::int64_t c = 0; c < width; ++c) {
+          if (at(r, c) != 0) continue;
+          bool beside = false;
+          for (std::int64_t rr = std::max(r - 1, low); rr < std::min(r + 2, high) && !beside; ++rr) {
+            for (std::int64_t cc = std::max<std::int64_t>(c - 1, 0); cc < std::min(c + 2, width) && !beside; ++cc)
+              beside = std::isnan(at(rr, cc));
+          }
+          n_beside += beside ? 1 : 0;
+          ++n_zero;
+        }
+      }
+    }
+    s.dataset.reset();
+    if (n_beside == 0) continue;
+    lines.push_back(
+        fmt::format("{}: {} posts of exactly 0 m ({} of them beside voids) while all other posts are above {:.1f} m; "
+                    "if they mark voids give --nodata 0",
+                    s.info.name, n_zero, n_beside, std::floor(lowest * 10) / 10));
+  }
+  return lines;
 }
 
 }  // namespace tind

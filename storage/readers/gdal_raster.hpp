@@ -12,10 +12,16 @@
 
 namespace tind {
 
+/// How heights between a source's cells are made where it must be warped.
+enum class Resampling { kBilinear, kCubic };
+
 /// What the user may say about the sources; what is absent comes from the files.
 struct RasterOptions {
   std::optional<double> nodata;           ///< Value that marks a void, in the file's own units; replaces the file's.
   std::optional<double> metres_per_unit;  ///< Vertical unit, e.g. 0.3048; default: the file's unit, else 1.
+  Resampling resampling = Resampling::kBilinear;
+  std::string vertical_datum = {};  ///< CRS of the input's heights by any name that PROJ knows, e.g. "EPSG:5773".
+  std::string geoid = {};           ///< Path of a grid of geoid heights that PROJ reads (.gtx, .tif).
 };
 
 /// One input of a mosaic, as the manifest lists it, and where its posts lie in the mosaic's grid.
@@ -24,18 +30,29 @@ struct RasterSource {
   std::string name;    ///< File name without folders.
   std::string sha256;  ///< Of the file's bytes, lower-case hex.
   std::int64_t n_cols = 0, n_rows = 0;  ///< Of the file.
+  std::string crs;                      ///< Of the file, e.g. "WGS 84 / UTM zone 11N (EPSG:32611)".
+  std::string operation;                ///< PROJ pipeline from EPSG:4326 to the file's CRS; empty: not warped.
+  double native_spacing_m = 0;  ///< Mean of the cell's two sides, by the CRS's own unit (degrees: on the equator).
   /// The posts used: n_used_rows x n_used_cols from (grid_row, grid_col) of the mosaic on; columns modulo the mosaic's
-  /// n_cols when it wraps. Fewer than the file's when it repeats columns or has rows beyond a pole.
+  /// n_cols when it wraps (a file that goes around the globe and further has more columns than that). Not warped: the
+  /// file's, without rows beyond a pole.
   std::int64_t grid_row = 0, grid_col = 0, n_used_rows = 0, n_used_cols = 0;
 };
 
-/// One or more geographic rasters on one common grid of posts (a post is a cell's centre). Sources are kept in a
-/// canonical order that does not depend on the order of the arguments. One thread at a time.
+/// Native cells of one source, by rows of the file: where their centres lie and what they hold.
+struct NativePosts {
+  std::vector<double> lon_deg, lat_deg;  ///< Not finite: the cell is not on the globe. Longitudes -180..180.
+  std::vector<float> heights_m;          ///< NaN: void. In the vertical datum of the mosaic.
+};
+
+/// One or more rasters on one common grid of geographic posts. Where all are geographic and lie on one grid the posts
+/// are the files' own (a post is a cell's centre); otherwise all are warped (docs/decisions/0005-warped-posts.md).
+/// Sources are kept in a canonical order that does not depend on the order of the arguments. One thread at a time.
 class RasterMosaic {
  public:
-  /// Opens and checks all inputs: readable, a band of real numbers, not rotated, geographic CRS (no CRS with plausible
-  /// degrees is taken as EPSG:4326 and noted in `notes`), same spacing and aligned to the first within 1e-3 of a post.
-  /// kInvalidInput names the file, what is wrong and what to try.
+  /// Opens and checks all inputs: readable, a band of real numbers, a CRS of the Earth or degrees (no CRS with
+  /// plausible degrees is taken as EPSG:4326 and noted in `notes`). kInvalidInput names the file, what is wrong and
+  /// what to try.
   static Result<RasterMosaic> open(const std::vector<std::string>& paths, const RasterOptions& options);
   RasterMosaic(RasterMosaic&&) noexcept;
   RasterMosaic& operator=(RasterMosaic&&) noexcept;
@@ -46,14 +63,28 @@ class RasterMosaic {
   std::int64_t n_cols = 0, n_rows = 0;  ///< Of the union's bounding grid.
   bool wraps = false;                   ///< The columns close around the globe (repeated columns are dropped).
   std::vector<RasterSource> sources;
-  std::string vertical_datum;      ///< What the first file says the heights are, else "unknown".
+  bool warped = false;
+  std::string resampling = "none";      ///< "none", "bilinear" or "cubic".
+  double native_spacing_m = 0;          ///< Of the finest source.
+  std::string height_kind = "unknown";  ///< "orthometric", "ellipsoidal" or "unknown": of the posts as they are read.
+  std::string vertical_datum;           ///< Name: what the user or the first file says, else "unknown".
+  std::string vertical_operation;  ///< PROJ pipeline that made the heights ellipsoidal; empty: they are as in the file.
   std::vector<std::string> notes;  ///< Lines for the user: assumptions made.
 
   /// Heights in metres of rows [first_row, first_row + n) of the used posts of source `s`, row-major, southernmost row
-  /// first; NaN where the source has a void. `n_implausible` is increased by the posts beyond +-kMaxHeightM, which are
-  /// voids too. kIo when the file cannot be read (truncated, damaged). Cheapest when rows are read in ascending order.
+  /// first; NaN where the source has a void. `n_implausible` is increased by the cells beyond +-kMaxHeightM, which are
+  /// voids too. kIo when the file cannot be read (truncated, damaged), kInvalidInput when a geoid grid does not reach
+  /// there. Cheapest when rows are read in ascending order; the last row closes the file.
   Result<void> read_rows(std::size_t s, std::int64_t first_row, std::int64_t n, std::vector<float>& heights_m,
                          std::uint64_t& n_implausible) const;
+
+  /// Rows [first_row, first_row + n) of the file of source `s` as it is, n x n_cols, the file's first row first.
+  /// Failures as read_rows().
+  Result<void> read_native_rows(std::size_t s, std::int64_t first_row, std::int64_t n, NativePosts& posts) const;
+
+  /// Lines about data that look wrong, after all rows have been read: zeros beside voids. Reads suspicious files once
+  /// more. kIo.
+  Result<std::vector<std::string>> suspicions() const;
 
  private:
   struct Impl;

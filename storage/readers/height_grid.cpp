@@ -234,6 +234,9 @@ Result<HeightGrid> HeightGrid::load(const RasterMosaic& mosaic, const Lattice& l
         fmt::format("{} posts beyond +-{} m are taken as voids (--nodata declares the value that marks them)",
                     impl.counts.implausible, kMaxHeightM));
   }
+  auto suspicions = mosaic.suspicions();
+  if (!suspicions) return tl::unexpected(suspicions.error());
+  impl.notes.insert(impl.notes.end(), suspicions->begin(), suspicions->end());
   impl.counts.filled = fill_interior_voids(impl.grid, impl.frame);
   if (progress) progress(0.8);
   impl.counts.falloff = add_falloff(impl.grid, options.base_height_m, *falloff);

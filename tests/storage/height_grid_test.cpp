@@ -325,22 +325,14 @@ TEST_F(HeightGridTest, WhatCannotBeReadIsNamed) {
   write_grid("a.asc", 10, 45, 0.01, 4, 4, [](int, int) { return "1"; });
   const std::string good = (folder_ / "a.asc").string(), transform = "9.995,0.01,0,45.035,0,-0.01";
   const auto voids = write_grid("v.asc", 10, 45, 0.01, 4, 4, [](int, int) { return "-9999"; });
-  const auto other = write_grid("o.asc", 11, 45, 0.02, 4, 4, [](int, int) { return "1"; });
-  const auto aside = write_grid("s.asc", 10.002, 45, 0.01, 4, 4, [](int, int) { return "1"; });
   EXPECT_THAT(message({(folder_ / "none.tif").string()}), HasSubstr("none.tif: no such file"));
   EXPECT_THAT(message({write("t.tif", "no raster")}), HasSubstr("not a raster"));
   EXPECT_THAT(message({write("e.tif", "")}), HasSubstr("is an empty file"));
   EXPECT_THAT(message({folder_.string()}), HasSubstr("is a folder"));
   EXPECT_THAT(message({write("e.zip", "PK")}), HasSubstr("zip"));
-  EXPECT_THAT(message({write_vrt("r.vrt", "a.asc", kWgs84, "9.995,0.01,0.001,45.035,0.001,-0.01", "", 4)}),
-              HasSubstr("rotated"));
   EXPECT_THAT(message({write_vrt("n.vrt", "a.asc", kWgs84, "", "", 4)}), HasSubstr("no geotransform"));
-  EXPECT_THAT(message({write_vrt("p.vrt", "a.asc", "EPSG:32611", "400000,30,0,4000000,0,-30", "", 4)}),
-              HasSubstr("gdalwarp -t_srs EPSG:4326"));
   EXPECT_THAT(message({write_vrt("m.vrt", "a.asc", "", "400000,30,0,4000000,0,-30", "", 4)}), HasSubstr("no CRS"));
   EXPECT_THAT(message({voids}), HasSubstr("every post is a void"));
-  EXPECT_THAT(message({good, other}), HasSubstr("degrees apart"));
-  EXPECT_THAT(message({good, aside}), HasSubstr("do not lie on the grid"));
   EXPECT_THAT(message({}), HasSubstr("no input"));
   EXPECT_EQ(message({good}), "");
 }

@@ -1,0 +1,69 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <limits>
+#include <string>
+#include <vector>
+
+#include <gdal_priv.h>
+#include <ogr_spatialref.h>
+
+#include "core/result.hpp"
+#include "storage/readers/gdal_raster.hpp"
+
+namespace tind {
+
+/// Grids agree when they do within this share of a post.
+inline constexpr double kAlignPosts = 1e-3;
+
+/// Posts at whole or half spacings from 0 (all arc-second grids) get that very position.
+double snap_origin(double degrees, double spacing);
+
+/// What was met in the cells read so far: enough to suspect zeros that mark voids.
+struct CellSigns {
+  bool has_void = false, has_zero = false;
+  float lowest_other = std::numeric_limits<float>::infinity();  ///< Of the cells that are neither void nor 0 m.
+};
+
+/// One input of a mosaic: all that its header says, and its cells as metres. Columns and rows are the file's, row 0
+/// first in the file. One thread at a time.
+struct RasterFile {
+  RasterSource info;
+  std::string gdal_name;
+  OGRSpatialReference crs;               ///< Horizontal part; degrees without a CRS are EPSG:4326.
+  std::array<double, 6> geotransform{};  ///< GDAL's: cell corners, whether cells are areas or points.
+  std::string height_kind = "unknown";   ///< "orthometric", "ellipsoidal" or "unknown", as the file says.
+  std::string vertical_datum;            ///< Name by the file's CRS; empty: it says nothing.
+  std::vector<std::string> notes;
+  bool has_nodata = false, has_mask = false, is_float32 = false;
+  double nodata = 0;
+  double scale = 1, offset = 0;  ///< metres = raw * scale + offset
+  CellSigns signs;
+  GDALDatasetUniquePtr dataset;  ///< Open only while rows are read.
+
+  /// Whether the file's own posts can be the mosaic's: degrees from Greenwich, columns eastwards, rows northwards or
+  /// southwards. Then `west`, `south` (first used post), `dx`, `dy` (positive) in degrees, and `own_grid_notes`.
+  bool has_own_grid = false;
+  double west = 0, south = 0, dx = 0, dy = 0;
+  bool north_up = true;
+  std::int64_t skip_south = 0;  ///< Rows south of the first used one (beyond the pole).
+  std::vector<std::string> own_grid_notes;
+  std::string why_not_own;  ///< Why not, for the user.
+
+  /// Heights in metres of the cells [col, col + n_cols) x [row, row + n_rows), row-major in the file's order, NaN for
+  /// voids; replaces `heights_m`. `n_implausible` is increased by the cells beyond +-kMaxHeightM, which are voids too.
+  /// kIo: truncated or damaged. Opens the file if need be. Precondition: the window lies inside the raster.
+  Result<void> read_window(std::int64_t col, std::int64_t row, std::int64_t n_cols, std::int64_t n_rows,
+                           std::vector<float>& heights_m, std::uint64_t& n_implausible);
+};
+
+/// A failure that begins with the file's path.
+tl::unexpected<Error> bad_raster(const RasterFile& file, const std::string& what);
+
+/// Opens one input and reads all of its header. `vertical_unit_m`: metres per unit when neither the options nor the
+/// file say it. kInvalidInput names the file, what is wrong and what to try.
+Result<RasterFile> inspect_raster(const std::string& path, const RasterOptions& options, double vertical_unit_m);
+
+}  // namespace tind
