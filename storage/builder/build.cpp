@@ -22,20 +22,49 @@ namespace {
 constexpr const char* kGenerator = "tind-build 0.1.0";
 // Share of the whole work that reading takes, for the progress line.
 constexpr double kReadShare = 0.08;
+constexpr double kLineShare = 0.1;
 
 double seconds_since(std::chrono::steady_clock::time_point start) {
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
 }
 
+const char* metres_name(BuildOptions::Metres metres) {
+  switch (metres) {
+    case BuildOptions::Metres::kEquator:
+      return "equator";
+    case BuildOptions::Metres::kMidLatitude:
+      return "mid-latitude";
+    case BuildOptions::Metres::kAuto:
+      break;
+  }
+  return "auto";
+}
+
+// What shapes the bytes, for the manifest.
 std::string options_to_json(const BuildOptions& options) {
   nlohmann::json j = {{"base_height_m", options.base_height_m},
                       {"falloff_posts", options.falloff_posts},
-                      {"metres_per_degree", options.mid_latitude_metres ? "mid-latitude" : "equator"}};
+                      {"metres_per_degree", metres_name(options.metres)},
+                      {"drainage", options.lines.drainage}};
   if (options.levels.max_level) j["max_level"] = *options.levels.max_level;
-  if (options.levels.tolerance_m) j["tolerance_m"] = *options.levels.tolerance_m;
+  if (options.levels.tolerance_m) {
+    j["tolerance_m"] = *options.levels.tolerance_m;
+    if (!options.levels.coarser_tolerances_m.empty()) j["coarser_tolerances_m"] = options.levels.coarser_tolerances_m;
+  }
   if (options.levels.finest_m) j["finest_m"] = *options.levels.finest_m;
-  if (options.raster.nodata) j["nodata"] = *options.raster.nodata;
-  if (options.raster.metres_per_unit) j["metres_per_unit"] = *options.raster.metres_per_unit;
+  const RasterOptions& raster = options.source.raster;
+  if (raster.nodata) j["nodata"] = *raster.nodata;
+  if (raster.metres_per_unit) j["metres_per_unit"] = *raster.metres_per_unit;
+  if (!raster.vertical_datum.empty()) j["vertical_datum"] = raster.vertical_datum;
+  if (!raster.geoid.empty()) j["geoid"] = std::filesystem::path(raster.geoid).filename().string();
+  if (!options.source.points.source_crs.empty()) j["source_crs"] = options.source.points.source_crs;
+  if (options.source.points.spacing_m) j["spacing_m"] = *options.source.points.spacing_m;
+  if (options.lines.drainage) {
+    j["drainage_cells"] = options.lines.drainage_cells;
+    j["drainage_growth"] = options.lines.drainage_growth;
+    j["lake_area_m2"] = options.lines.lake_area_m2;
+    if (options.lines.sea_level_m) j["sea_level_m"] = *options.lines.sea_level_m;
+  }
   return j.dump();
 }
 
@@ -45,19 +74,25 @@ Result<BuildReport> build_pyramid(const BuildOptions& options, Progress& progres
   const auto start = std::chrono::steady_clock::now();
   if (auto checked = check_output(options.output, options.force); !checked) return tl::unexpected(checked.error());
   progress.update(0, "reading");
-  auto mosaic = RasterMosaic::open(options.inputs, options.raster);
-  if (!mosaic) return tl::unexpected(mosaic.error());
-  for (const std::string& note : mosaic->notes) progress.note(note);
+  auto source = ElevationSource::open(options.source);
+  if (!source) return tl::unexpected(source.error());
+  std::size_t n_notes = 0;
+  const auto print_notes = [&] {
+    for (; n_notes < source->notes().size(); ++n_notes) progress.note(source->notes()[n_notes]);
+  };
+  print_notes();
 
   Lattice lattice;
-  const double north_deg = mosaic->south_deg + mosaic->lat_spacing_deg * static_cast<double>(mosaic->n_rows - 1);
-  const double east_deg = mosaic->west_deg + mosaic->lon_spacing_deg * static_cast<double>(mosaic->n_cols - 1);
   LevelOptions level_options = options.levels;
+  level_options.irregular_posts = source->has_points();
   level_options.metres_per_degree = lattice.ellipsoid.semi_major_m * std::numbers::pi / 180;
-  if (options.mid_latitude_metres) {
-    level_options.metres_per_degree *= std::cos((mosaic->south_deg + north_deg) / 2 * std::numbers::pi / 180);
+  if (options.metres == BuildOptions::Metres::kMidLatitude) {
+    const auto [west, south, east, north] = source->bounds_deg();
+    level_options.metres_per_degree *= std::cos((south + north) / 2 * std::numbers::pi / 180);
+  } else if (const auto own = source->own_spacing_m(); own && options.metres == BuildOptions::Metres::kAuto) {
+    level_options.metres_per_degree = *own / source->lon_spacing_deg();
   }
-  const auto table = make_level_table(mosaic->lon_spacing_deg, mosaic->lat_spacing_deg, level_options);
+  const auto table = make_level_table(source->lon_spacing_deg(), source->lat_spacing_deg(), level_options);
   if (!table) return tl::unexpected(table.error());
   lattice.level = table->lattice_level;
   lattice.height_exponent = table->height_exponent;
@@ -67,42 +102,45 @@ Result<BuildReport> build_pyramid(const BuildOptions& options, Progress& progres
   auto writer = TileStoreWriter::create(temporary.path());
   if (!writer) return tl::unexpected(writer.error());
 
-  HeightGridOptions grid_options;
-  grid_options.base_height_m = options.base_height_m;
-  grid_options.falloff_posts = options.falloff_posts;
-  const auto folder = std::filesystem::path(options.output).parent_path();
-  grid_options.scratch_dir = folder.empty() ? "." : folder.string();
-  const auto grid = HeightGrid::load(*mosaic, lattice, grid_options,
-                                     [&](double fraction) { progress.update(kReadShare * fraction, "reading"); });
-  if (!grid) return tl::unexpected(grid.error());
-  for (const std::string& note : grid->notes()) progress.note(note);
-
   BuildReport report;
-  report.read_seconds = seconds_since(start);
-  report.counts = grid->counts();
   report.threads =
       options.threads > 0 ? options.threads : static_cast<int>(std::max(1u, std::thread::hardware_concurrency()));
+  const auto folder = std::filesystem::path(options.output).parent_path();
+  const std::string scratch_dir = folder.empty() ? "." : folder.string();
+  if (auto loaded = source->load(lattice, options.base_height_m, options.falloff_posts, scratch_dir, report.threads,
+                                 [&](double fraction) { progress.update(kReadShare * fraction, "reading"); });
+      !loaded) {
+    return tl::unexpected(loaded.error());
+  }
+  print_notes();
+  report.read_seconds = seconds_since(start);
+  report.counts = source->counts();
+
+  const auto line_start = std::chrono::steady_clock::now();
+  if (options.lines.drainage) progress.update(kReadShare, "drainage");
+  const auto lines = make_surface_lines(source->field(), *table, options.lines, scratch_dir);
+  if (!lines) return tl::unexpected(lines.error());
+  for (const std::string& note : lines->notes) progress.note(note);
+  report.drainage = lines->drainage;
+  report.line_seconds = seconds_since(line_start);
+  HeightField field = source->field();
+  field.pinned = lines->pyramid.vertices();
+
   Manifest& m = report.manifest;
   m.generator = kGenerator;
   m.attribution = options.attribution;
-  m.vertical_datum = mosaic->vertical_datum;
   m.mode = options.levels.mode == LevelMode::kStandard ? "standard" : "non-standard";
   m.lattice = lattice;
   m.bottom_level = table->bottom_level();
   m.base_height_m = options.base_height_m;
   m.falloff_posts = options.falloff_posts;
-  m.disagreement_m = grid->field().disagreement_m;
-  m.bounds_deg = {mosaic->west_deg, mosaic->south_deg, east_deg, north_deg};
-  m.spacing_deg = {mosaic->lon_spacing_deg, mosaic->lat_spacing_deg};
-  for (const RasterSource& s : mosaic->sources) m.sources.push_back({s.name, s.sha256, s.n_cols, s.n_rows});
-  m.n_source_posts = report.counts.source;
-  m.n_filled_posts = report.counts.filled;
-  m.n_falloff_posts = report.counts.falloff;
+  source->describe(m);
+  m.lines = lines->counts;
   m.options_json = options_to_json(options);
 
-  const LinePyramid lines;
-  const PyramidInput input{grid->field(), *table, lines, report.threads, options.cancel};
-  if (auto built = build_levels(input, *writer, progress, kReadShare, m, report.breakdown); !built) {
+  const double progress_from = options.lines.drainage ? kReadShare + kLineShare : kReadShare;
+  const PyramidInput input{field, *table, lines->pyramid, report.threads, options.cancel};
+  if (auto built = build_levels(input, *writer, progress, progress_from, m, report.breakdown); !built) {
     return tl::unexpected(built.error());
   }
   m.content_hash = writer->content_hash();

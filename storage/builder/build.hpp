@@ -7,22 +7,27 @@
 
 #include "core/level_spec.hpp"
 #include "core/result.hpp"
+#include "storage/builder/elevation_source.hpp"
 #include "storage/builder/progress.hpp"
 #include "storage/builder/pyramid_builder.hpp"
+#include "storage/builder/surface_lines.hpp"
 #include "storage/manifest.hpp"
-#include "storage/readers/gdal_raster.hpp"
-#include "storage/readers/height_grid.hpp"
 
 namespace tind {
 
 /// Everything that tind-build can be told.
 struct BuildOptions {
-  std::vector<std::string> inputs;
+  SourceOptions source;
   std::string output;
-  bool force = false;  ///< Replace an output that exists.
-  RasterOptions raster;
-  LevelOptions levels;               ///< metres_per_degree is set by the builder.
-  bool mid_latitude_metres = false;  ///< Spacing in metres at the source's middle latitude instead of the equator.
+  bool force = false;   ///< Replace an output that exists.
+  LevelOptions levels;  ///< metres_per_degree and irregular_posts are set by the builder.
+  /// Where spacing in metres is taken for the 4/5 rule.
+  enum class Metres {
+    kAuto,         ///< The source's own metres where it has them (projected, points), else as kEquator.
+    kEquator,      ///< Degrees of longitude on the equator.
+    kMidLatitude,  ///< Degrees of longitude at the source's middle latitude.
+  } metres = Metres::kAuto;
+  LineOptions lines;
   double base_height_m = 0;
   int falloff_posts = 64;
   std::string attribution;
@@ -32,15 +37,17 @@ struct BuildOptions {
 
 struct BuildReport {
   Manifest manifest;
-  HeightGridCounts counts;
+  SourceCounts counts;
+  DrainageCounts drainage;
   std::vector<LevelBreakdown> breakdown;
   std::uint64_t file_bytes = 0;
   double seconds = 0;
   double read_seconds = 0;
+  double line_seconds = 0;
   int threads = 0;
 };
 
-/// Builds the pyramid of `options.inputs` into `options.output`: under a temporary name beside it, synced, then
+/// Builds the pyramid of `options.source.inputs` into `options.output`: under a temporary name beside it, synced, then
 /// renamed. On any failure an earlier output is left untouched and nothing new stays behind. The same input and options
 /// give the same bytes for any number of threads.
 Result<BuildReport> build_pyramid(const BuildOptions& options, Progress& progress);

@@ -253,7 +253,7 @@ const SmallWorld& small_world() {
     }
     GDALClose(dataset);
     BuildOptions options;
-    options.inputs = {made.raster};
+    options.source.inputs = {made.raster};
     options.output = made.tind;
     options.levels.tolerance_m = 80;
     options.falloff_posts = 16;

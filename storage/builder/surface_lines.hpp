@@ -1,0 +1,42 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "core/drainage/drainage.hpp"
+#include "core/height_field.hpp"
+#include "core/level_spec.hpp"
+#include "core/line_pyramid.hpp"
+#include "core/result.hpp"
+#include "storage/manifest.hpp"
+
+namespace tind {
+
+/// Which lines the surface follows.
+struct LineOptions {
+  bool drainage = true;
+  std::int64_t drainage_cells = DrainageOptions().cells;  ///< Posts that drain into a stream at the bottom level.
+  double drainage_growth = DrainageOptions().growth;      ///< Of that number, per coarser level.
+  double lake_area_m2 = DrainageOptions().lake_area_m2;
+  std::optional<double> sea_level_m;
+  std::string drainage_out;  ///< GeoPackage to write the lines of every level to; empty: none.
+};
+
+/// The lines of a build.
+struct SurfaceLines {
+  LinePyramid pyramid;
+  LineCounts counts;
+  DrainageCounts drainage;
+  std::vector<std::string> notes;  ///< Lines for the user.
+};
+
+/// Derives streams and shores of the field and generalises them with the level table. `scratch_dir`: for the flow's
+/// arrays. kIo, kInvalidInput.
+Result<SurfaceLines> make_surface_lines(const HeightField& field, const LevelTable& table, const LineOptions& options,
+                                        const std::string& scratch_dir);
+
+}  // namespace tind
