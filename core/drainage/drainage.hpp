@@ -48,8 +48,7 @@ struct DrainageCounts {
 
 /// The drainage of a height field. `streams` and the three vectors after it are parallel.
 /// Vertices are posts (rounded to the lattice); the smallest x of a chain is in [0, lattice width), so a chain across
-/// longitude 180 goes on past the width. Chains of both kinds meet in their end vertices alone, save that two streams
-/// may cross where both run diagonally between the same four posts: D8 allows it.
+/// longitude 180 goes on past the width. Chains of both kinds meet in their end vertices alone and never cross.
 struct Drainage {
   /// Downstream, conditioned heights (float64: rounding is the caller's); weight = cells that drain through its end.
   /// Ordered by first post (row from the south, then column from the west), then by second.

@@ -28,8 +28,10 @@ struct FlatSteps {
 /// over metres, the first in kTieOrder where several are equal; kLeaves at outlets without a lower neighbour and at the
 /// sea; kNoFlow at posts that take no part. A post of a flat goes to the neighbour in the flat with the least
 /// 2 * toward_lower - away_from_higher, and to a draining one first (Barnes, Lehman, Mulla 2014,
-/// doi:10.1016/j.cageo.2013.01.009). Sets or clears kInFlat. Flow may cross another diagonal flow between the same four
-/// posts. `steps` (n_rows * n_cols) is scratch. Returns the number of posts in flats.
+/// doi:10.1016/j.cageo.2013.01.009). Two
+/// flows never cross diagonally between the same four posts: a diagonal wins only where it is steeper than both sides
+/// of its square, which cannot hold for both of them. Sets or clears kInFlat. `steps` (n_rows * n_cols) is scratch.
+/// Returns the number of posts in flats.
 std::int64_t direct_flow(const FlowGrid& grid, std::int64_t block_side, const float* filled_m, FlatSteps* steps,
                          std::uint8_t* directions);
 

@@ -96,11 +96,18 @@ class LinkFinder {
   }
 
   void find_nodes() {
+    // Where a lake runs out, several of its posts flow into one: the outflow is the one that carries most.
+    std::vector<const ChannelPost*> outflow(posts_.size(), nullptr);
+    for (const ChannelPost& p : posts_) {
+      if (!p.water || (g_.marks[p.index] & kSea) || p.next < 0) continue;
+      const ChannelPost*& best = outflow[static_cast<std::size_t>(p.next)];
+      if (!best || p.accumulation > best->accumulation) best = &p;
+    }
     std::vector<int> level_above(posts_.size(), -1);
     for (ChannelPost& p : posts_) {
       if (p.next < 0) continue;
       ChannelPost& q = next_of(p);
-      p.step = p.stream ? q.stream || q.water : p.water && !(g_.marks[p.index] & kSea) && q.stream;
+      p.step = p.stream ? q.stream || q.water : q.stream && outflow[static_cast<std::size_t>(p.next)] == &p;
       if (!p.step) continue;
       ++q.n_inflows;
       level_above[static_cast<std::size_t>(p.next)] = p.level;

@@ -110,18 +110,39 @@ std::vector<Lake> mark_lakes(const FlowGrid& g, double min_area_m2, double sea_l
     }
     return true;
   };
-  const auto pieces = measure(g, labels, is_core);
+  const auto cores = measure(g, labels, is_core);
   std::vector<Lake> lakes;
+  for (std::int64_t i = 0; i < g.size(); ++i) {
+    if (labels[i] != i) continue;
+    const auto core = cores.find(i);
+    if (core == cores.end() || core->second.n_posts < kLakePosts || core->second.area_m2 < min_area_m2) continue;
+    lakes.push_back({i, static_cast<double>(g.heights_m[i]), core->second.area_m2, core->second.n_posts, 0, 0});
+  }
+  const auto lake_of = [&](std::int64_t i) {
+    const auto lake = std::lower_bound(lakes.begin(), lakes.end(), labels[i],
+                                       [](const Lake& a, std::int64_t root) { return a.root < root; });
+    return lake != lakes.end() && lake->root == labels[i] ? &*lake : nullptr;
+  };
   for (std::int64_t r = 0; r < g.n_rows; ++r) {
     for (std::int64_t c = 0; c < g.n_cols; ++c) {
       const std::int64_t i = r * g.n_cols + c;
-      if (labels[i] < 0) continue;
-      const auto found = pieces.find(labels[i]);
-      if (found == pieces.end() || found->second.n_posts < kLakePosts || found->second.area_m2 < min_area_m2) continue;
-      if (labels[i] == i) {
-        lakes.push_back({i, static_cast<double>(g.heights_m[i]), found->second.area_m2, found->second.n_posts});
+      Lake* const lake = labels[i] < 0 ? nullptr : lake_of(i);
+      if (!lake) continue;
+      for (const int d : {0, 2, 4, 6}) {
+        const std::int64_t n = g.neighbour(r, c, d);
+        if (n < 0 || !(g.marks[n] & kInside) || labels[n] == labels[i]) continue;
+        ++lake->rim;
+        if (g.heights_m[n] < g.heights_m[i]) ++lake->lower_rim;
       }
-      if (!is_core(r, c)) continue;
+    }
+  }
+  std::erase_if(lakes, [](const Lake& lake) {
+    return static_cast<double>(lake.lower_rim) > kLakeLowerRim * static_cast<double>(lake.rim);
+  });
+  for (std::int64_t r = 0; r < g.n_rows; ++r) {
+    for (std::int64_t c = 0; c < g.n_cols; ++c) {
+      const std::int64_t i = r * g.n_cols + c;
+      if (labels[i] < 0 || !lake_of(i) || !is_core(r, c)) continue;
       g.marks[i] |= kLake;
       for (int d = 0; d < 8; ++d) g.marks[g.neighbour(r, c, d)] |= kLake;
     }

@@ -14,6 +14,9 @@ namespace tind {
 inline constexpr double kSeaAreaM2 = 1e11;
 /// Fewest core posts of a lake or posts of a basin: fewer are noise of a level surface.
 inline constexpr std::int64_t kLakePosts = 64;
+/// Largest share of a lake's rim that may be lower than it. In heights of whole metres a plain is made of flats, too,
+/// but those are bands: about half of their rim is lower (docs/decisions/0007-drainage.md).
+inline constexpr double kLakeLowerRim = 0.0625;
 
 /// A level stretch of water: posts of exactly one height.
 struct Lake {
@@ -21,6 +24,8 @@ struct Lake {
   double height_m = 0;
   double core_area_m2 = 0;  ///< Area of the posts whose eight neighbours have their height, too.
   std::int64_t core_posts = 0;
+  std::int64_t rim = 0;        ///< Steps along rows and columns from the flat to other posts.
+  std::int64_t lower_rim = 0;  ///< Of those, downwards.
 };
 
 /// Sets kSea. Without `sea_level_m`: the 4-connected posts at or below 0 m, if these bodies have kSeaAreaM2 or more
@@ -32,7 +37,8 @@ std::int64_t mark_sea(const FlowGrid& grid, std::optional<double> sea_level_m, s
 void label_flats(const FlowGrid& grid, double sea_level_m, std::int64_t* labels);
 
 /// Sets kLake and returns the lakes in ascending order of `root`. A lake is part of a flat: its core, the posts
-/// whose eight neighbours belong to it, and their neighbours; the core has at least `min_area_m2` and kLakePosts posts.
+/// whose eight neighbours belong to it, and their neighbours; the core has at least `min_area_m2` and kLakePosts posts,
+/// and at most kLakeLowerRim of the flat's rim is lower.
 /// Calls label_flats.
 std::vector<Lake> mark_lakes(const FlowGrid& grid, double min_area_m2, double sea_level_m, std::int64_t* labels);
 

@@ -1,0 +1,485 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// Streams, lakes and shores of small worlds.
+#include "core/drainage/drainage.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <set>
+#include <tuple>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "tests/core/drainage_world.hpp"
+
+namespace tind {
+namespace {
+
+using test::drain;
+using test::equator_field;
+using test::TestField;
+using ::testing::HasSubstr;
+
+DrainageOptions options(std::int64_t cells, int bottom_level = 4) {
+  DrainageOptions o;
+  o.cells = cells;
+  o.bottom_level = bottom_level;
+  o.max_change_m = 10;
+  return o;
+}
+
+/// Post (row, col) of a vertex.
+std::pair<std::int64_t, std::int64_t> post_of(const HeightField& f, const BreakVertex& v) {
+  return {std::llround((static_cast<double>(v.y) - f.y0) / f.dy),
+          std::llround((static_cast<double>(v.x) - f.x0) / f.dx)};
+}
+
+/// A valley along column `centre`, running south at 1 m a post, with sides of 20 m a post.
+double valley(std::int64_t r, std::int64_t c, std::int64_t centre) {
+  return static_cast<double>(r) + 20 * static_cast<double>(std::abs(c - centre)) + 100;
+}
+
+/// A level lake of 300 m over rows 20..40, columns 10..30 of a southward valley; all ground about it is higher but its
+/// outflow in the south.
+double lake_world(std::int64_t r, std::int64_t c) {
+  const bool lake = r >= 20 && r <= 40 && c >= 10 && c <= 30;
+  if (lake) return 300;
+  const double side = 10 * static_cast<double>(std::max<std::int64_t>({10 - c, c - 30, 0}));
+  if (r > 40) return 300 + 2 * static_cast<double>(r - 40) + side + 3 * static_cast<double>(std::abs(c - 20));
+  if (r >= 20) return 300 + side;
+  return 300 - 2 * static_cast<double>(20 - r) + 40 * static_cast<double>(std::abs(c - 20)) + (c == 20 ? 0 : 60);
+}
+
+/// All chains keep the rules of break lines: no two equal neighbours, and shared vertices only at ends.
+void expect_nodes_only(const Drainage& d) {
+  std::map<std::pair<std::int64_t, std::int64_t>, int> inner, ends;
+  for (const auto* chains : {&d.streams, &d.shores}) {
+    for (const BreakChain& chain : *chains) {
+      ASSERT_GE(chain.vertices.size(), 2u);
+      for (std::size_t k = 0; k < chain.vertices.size(); ++k) {
+        const BreakVertex& v = chain.vertices[k];
+        if (k > 0) {
+          ASSERT_FALSE(v.x == chain.vertices[k - 1].x && v.y == chain.vertices[k - 1].y);
+        }
+        ++(k == 0 || k + 1 == chain.vertices.size() ? ends : inner)[{v.x, v.y}];
+      }
+    }
+  }
+  for (const auto& [at, n] : inner) {
+    ASSERT_EQ(n, 1) << at.first << " " << at.second;
+    ASSERT_FALSE(ends.contains(at)) << at.first << " " << at.second;
+  }
+}
+
+/// Everything in one comparable value.
+auto all_of(const Drainage& d) {
+  std::vector<std::tuple<std::vector<BreakVertex>, int, double>> lines;
+  for (const auto* chains : {&d.streams, &d.shores}) {
+    for (const BreakChain& c : *chains) lines.emplace_back(c.vertices, c.first_level, c.weight);
+  }
+  return std::tuple(lines, d.strahler, d.area_km2, d.downstream, d.counts.clamped, d.counts.uphill_steps);
+}
+
+TEST(DrainageStreams, RunDownAValleyAndGrowIntoCoarserLevels) {
+  const TestField f = equator_field(60, 21, [](auto r, auto c) { return valley(r, c, 10); });
+  const auto d = drain(f.field, options(20));
+  ASSERT_TRUE(d) << d.error().message;
+  // 20, 80, 320 cells: levels 4, 3, 2. Each post of the valley drains a row of 21 posts more (the rim's corners leave).
+  ASSERT_EQ(d->streams.size(), 3u);
+  std::map<int, const BreakChain*> by_level;
+  for (const BreakChain& chain : d->streams) by_level[chain.first_level] = &chain;
+  ASSERT_TRUE(by_level.contains(4) && by_level.contains(3) && by_level.contains(2));
+  EXPECT_EQ(by_level[4]->vertices.back(), by_level[3]->vertices.front());
+  EXPECT_EQ(by_level[3]->vertices.back(), by_level[2]->vertices.front());
+  EXPECT_EQ(post_of(f.field, by_level[2]->vertices.back()), std::pair(std::int64_t{0}, std::int64_t{10}));
+  EXPECT_GE(by_level[2]->weight, 320);
+  for (std::size_t k = 0; k < d->streams.size(); ++k) {
+    EXPECT_EQ(d->strahler[k], 1);
+    EXPECT_NEAR(d->area_km2[k] / d->streams[k].weight, 0.3057 * 0.3037, 1e-3);
+    for (const BreakVertex& v : d->streams[k].vertices) {
+      const auto [r, c] = post_of(f.field, v);
+      EXPECT_EQ(c, 10);
+      EXPECT_EQ(v.height_m, f.field.height_at(r, c));
+    }
+  }
+  EXPECT_EQ(d->counts.posts, 60 * 21);
+  EXPECT_EQ(d->counts.uphill_steps, 0);
+  expect_nodes_only(*d);
+}
+
+TEST(DrainageStreams, WithoutGrowthEveryLevelDrawsAll) {
+  const TestField f = equator_field(60, 21, [](auto r, auto c) { return valley(r, c, 10); });
+  DrainageOptions o = options(20);
+  o.growth = 1;
+  const auto d = drain(f.field, o);
+  ASSERT_TRUE(d);
+  ASSERT_EQ(d->streams.size(), 1u);
+  EXPECT_EQ(d->streams[0].first_level, 0);
+}
+
+TEST(DrainageStreams, StrahlerOrderGrowsWhereEqualsMeet) {
+  // Two valleys join at row 20; a third comes in at row 10.
+  const TestField f = equator_field(60, 41, [](std::int64_t r, std::int64_t c) {
+    if (r <= 20)
+      return std::min(valley(r, c, 20), r > 10 ? 1e9 : 1 + 0.5 * std::abs(c - 20) + static_cast<double>(r) + 100);
+    return std::min(valley(r, c, 20 - (r - 20) / 3), valley(r, c, 20 + (r - 20) / 3));
+  });
+  const auto d = drain(f.field, options(40));
+  ASSERT_TRUE(d);
+  ASSERT_FALSE(d->streams.empty());
+  int second = 0;
+  for (std::size_t k = 0; k < d->streams.size(); ++k) {
+    if (d->downstream[k] < 0) continue;
+    const auto next = static_cast<std::size_t>(d->downstream[k]);
+    EXPECT_EQ(d->streams[k].vertices.back(), d->streams[next].vertices.front());
+    EXPECT_GE(d->strahler[next], d->strahler[k]);
+    EXPECT_GT(d->area_km2[next], d->area_km2[k]);
+    EXPECT_LE(d->streams[next].first_level, d->streams[k].first_level);
+    if (d->strahler[next] == 2 && d->strahler[k] == 1) ++second;
+  }
+  EXPECT_GE(second, 2);
+  expect_nodes_only(*d);
+}
+
+TEST(DrainageStreams, HeightsRunDownhillHalfWayBetweenPitAndSill) {
+  // A pit of 6 m at row 30 and a sill of 4 m at row 20 in the bed.
+  const auto height = [](std::int64_t r, std::int64_t c) {
+    return valley(r, c, 10) - (r == 30 && c == 10 ? 6 : 0) + (r == 20 && c == 10 ? 4 : 0);
+  };
+  const TestField f = equator_field(60, 21, height);
+  DrainageOptions o = options(20);
+  o.deviation_limits_m = {1, 2.4, 100};
+  const auto d = drain(f.field, o);
+  ASSERT_TRUE(d);
+  double last = 1e9;
+  std::map<std::int64_t, double> by_row;
+  for (const BreakChain& chain : d->streams) {
+    for (const BreakVertex& v : chain.vertices) by_row[-post_of(f.field, v).first] = v.height_m;
+  }
+  for (const auto& [row, z] : by_row) {
+    EXPECT_LE(z, last);
+    last = z;
+  }
+  // Pit at 124, the bed below it at 129..125: half of the 5 m.
+  EXPECT_DOUBLE_EQ(by_row[-30], (124 + 129) / 2.0);
+  EXPECT_DOUBLE_EQ(by_row[-29], (124 + 129) / 2.0);
+  EXPECT_DOUBLE_EQ(by_row[-25], (124 + 125) / 2.0);
+  EXPECT_DOUBLE_EQ(by_row[-24], 124);
+  EXPECT_EQ(d->counts.clamped, 0);
+  EXPECT_EQ(d->counts.uphill_steps, 0);
+  EXPECT_EQ(d->counts.deviations_above[2], 0);
+  EXPECT_GT(d->counts.deviations_above[0], d->counts.deviations_above[1]);
+  EXPECT_GT(d->counts.deviations_above[1], 0);
+  EXPECT_DOUBLE_EQ(d->counts.largest_deviation_m, 2.5);
+}
+
+TEST(DrainageStreams, ADeepPitKeepsItsHeightAndIsCounted) {
+  const TestField f = equator_field(
+      60, 21, [](std::int64_t r, std::int64_t c) { return valley(r, c, 10) - (r == 30 && c == 10 ? 50 : 0); });
+  const auto d = drain(f.field, options(20));
+  ASSERT_TRUE(d);
+  EXPECT_EQ(d->counts.deep_posts, 1);
+  EXPECT_EQ(d->counts.uphill_steps, 1);
+  EXPECT_NEAR(d->counts.largest_uphill_m, 49, 1e-9);
+  EXPECT_EQ(d->counts.clamped, 0);
+  // The pit moves nothing downstream.
+  for (const BreakChain& chain : d->streams) {
+    for (const BreakVertex& v : chain.vertices) {
+      const auto [r, c] = post_of(f.field, v);
+      EXPECT_EQ(v.height_m, f.field.height_at(r, c));
+    }
+  }
+}
+
+TEST(DrainageStreams, StopAtABasinAndGoOnBeyond) {
+  // A hole of 15 x 15 posts, 200 m deep, in the valley's bed.
+  const TestField f = equator_field(60, 41, [](std::int64_t r, std::int64_t c) {
+    return valley(r, c, 20) - (r >= 20 && r < 35 && c >= 13 && c < 28 ? 400 : 0);
+  });
+  const auto d = drain(f.field, options(20));
+  ASSERT_TRUE(d);
+  EXPECT_EQ(d->counts.basin_posts, 225);
+  int above = 0, below = 0;
+  for (const BreakChain& chain : d->streams) {
+    for (const BreakVertex& v : chain.vertices) {
+      const auto [r, c] = post_of(f.field, v);
+      EXPECT_FALSE(r >= 20 && r < 35 && c >= 13 && c < 28) << r << " " << c;
+      above += r >= 35;
+      below += r < 20;
+    }
+  }
+  EXPECT_GT(above, 5);
+  EXPECT_GT(below, 5);
+}
+
+TEST(DrainageStreams, PassVoidsWithoutBeingDrawn) {
+  TestField f = equator_field(60, 21, [](auto r, auto c) { return valley(r, c, 10); });
+  for (std::int64_t r = 28; r < 32; ++r) {
+    for (std::int64_t c = 8; c < 13; ++c) f.origins[static_cast<std::size_t>(r * 21 + c)] = PostOrigin::kFilled;
+  }
+  const auto d = drain(f.field, options(20));
+  ASSERT_TRUE(d);
+  double most = 0;
+  for (std::size_t k = 0; k < d->streams.size(); ++k) {
+    for (const BreakVertex& v : d->streams[k].vertices) {
+      const std::int64_t r = post_of(f.field, v).first;
+      EXPECT_TRUE(r < 28 || r >= 32);
+    }
+    most = std::max(most, d->streams[k].weight);
+    if (post_of(f.field, d->streams[k].vertices.back()).first == 32) {
+      ASSERT_GE(d->downstream[k], 0);
+      const BreakChain& next = d->streams[static_cast<std::size_t>(d->downstream[k])];
+      EXPECT_EQ(post_of(f.field, next.vertices.front()).first, 27);
+    }
+  }
+  EXPECT_GT(most, 1000) << "the water of the upper valley arrives";
+}
+
+TEST(DrainageStreams, FalloffIsOutside) {
+  TestField f = equator_field(60, 21, [](auto r, auto c) { return valley(r, c, 10); });
+  for (std::size_t i = 0; i < 30 * 21; ++i) f.origins[i] = PostOrigin::kFalloff;
+  const auto d = drain(f.field, options(20));
+  ASSERT_TRUE(d);
+  EXPECT_EQ(d->counts.posts, 30 * 21);
+  for (const BreakChain& chain : d->streams) {
+    for (const BreakVertex& v : chain.vertices) EXPECT_GE(post_of(f.field, v).first, 30);
+  }
+}
+
+TEST(DrainageLakes, StreamsEndAtTheShoreAndGoOnAtTheOutflow) {
+  const TestField f = equator_field(60, 41, lake_world);
+  const auto d = drain(f.field, options(60));
+  ASSERT_TRUE(d);
+  ASSERT_EQ(d->counts.lakes, 1);
+  EXPECT_EQ(d->counts.lake_posts, 21 * 21);
+  std::set<std::pair<std::int64_t, std::int64_t>> shore;
+  std::size_t n_steps = 0;
+  for (const BreakChain& chain : d->shores) {
+    for (const BreakVertex& v : chain.vertices) {
+      EXPECT_EQ(v.height_m, 300);
+      shore.insert(post_of(f.field, v));
+    }
+    n_steps += chain.vertices.size() - 1;
+    EXPECT_GE(chain.weight, kShoreWeight);
+  }
+  EXPECT_EQ(n_steps, 80u);
+  EXPECT_EQ(shore.size(), 80u);
+  int inflows = 0, outflows = 0;
+  for (std::size_t k = 0; k < d->streams.size(); ++k) {
+    const auto first = post_of(f.field, d->streams[k].vertices.front()),
+               last = post_of(f.field, d->streams[k].vertices.back());
+    if (shore.contains(last)) {
+      ++inflows;
+      ASSERT_GE(d->downstream[k], 0) << "it passes the lake";
+      EXPECT_TRUE(shore.contains(post_of(f.field, d->streams[static_cast<std::size_t>(d->downstream[k])].vertices[0])));
+    }
+    if (shore.contains(first)) {
+      ++outflows;
+      EXPECT_GT(d->streams[k].weight, 2 * 441) << "what comes in, and the lake's own";
+      EXPECT_LT(last.first, 20);
+    }
+  }
+  EXPECT_GE(inflows, 1);
+  EXPECT_EQ(outflows, 1);
+  expect_nodes_only(*d);
+}
+
+TEST(DrainageLakes, AnIslandHasAShoreOfItsOwn) {
+  const TestField f = equator_field(60, 41, [](std::int64_t r, std::int64_t c) {
+    return r >= 28 && r <= 31 && c >= 18 && c <= 22 ? 310.0 : lake_world(r, c);
+  });
+  const auto d = drain(f.field, options(100000));  // no streams: whole rings
+  ASSERT_TRUE(d);
+  EXPECT_TRUE(d->streams.empty());
+  ASSERT_EQ(d->shores.size(), 2u);
+  for (const BreakChain& ring : d->shores) EXPECT_EQ(ring.vertices.front(), ring.vertices.back());
+  EXPECT_EQ(d->shores[0].vertices.size(), 81u);
+  // The island's shore runs over the lake's posts about it: 4 + 2 by 5 + 2 posts.
+  EXPECT_EQ(d->shores[1].vertices.size(), 2u * (5 + 6) + 1);
+  // The lake lies to the left: the outer ring runs counter-clockwise, the island's clockwise.
+  const auto area = [](const BreakChain& ring) {
+    double twice = 0;
+    for (std::size_t k = 0; k + 1 < ring.vertices.size(); ++k) {
+      const BreakVertex &a = ring.vertices[k], &b = ring.vertices[k + 1];
+      twice +=
+          static_cast<double>(a.x) * static_cast<double>(b.y) - static_cast<double>(b.x) * static_cast<double>(a.y);
+    }
+    return twice;
+  };
+  EXPECT_GT(area(d->shores[0]), 0);
+  EXPECT_LT(area(d->shores[1]), 0);
+}
+
+TEST(DrainageLakes, SmallOnesAndPlainsAreNone) {
+  DrainageOptions o = options(60);
+  o.lake_area_m2 = 19 * 19 * 0.31e6;  // the core has 19 x 19 posts of 0.093 km2
+  const TestField f = equator_field(60, 41, lake_world);
+  EXPECT_EQ(drain(f.field, o)->counts.lakes, 0);
+  // A plain in whole metres that falls off in the south: bands 20 posts wide, half of each rim lower.
+  const TestField plain = equator_field(100, 41, [](std::int64_t r, std::int64_t) {
+    return r < 10 ? static_cast<double>(5 * r - 50) : std::floor(static_cast<double>(r) / 20);
+  });
+  EXPECT_EQ(drain(plain.field, options(60))->counts.lakes, 0);
+}
+
+TEST(DrainageLakes, AreDrawnFromTheLevelThatTheirAreaFits) {
+  const TestField f = equator_field(60, 41, lake_world);
+  DrainageOptions o = options(60, 6);
+  const double core_m2 = 19 * 19 * 0.3057e3 * 0.3037e3;
+  for (const auto& [part, level] : {std::pair{0.9, 6}, {0.24, 5}, {0.2 / 4, 5}}) {
+    o.lake_area_m2 = core_m2 * part;
+    const auto d = drain(f.field, o);
+    ASSERT_TRUE(d);
+    ASSERT_FALSE(d->shores.empty());
+    // The last is held by the least number of posts: 64 cells, and 361 < 4 * 4 * 64.
+    EXPECT_EQ(d->shores[0].first_level, level) << part;
+  }
+}
+
+TEST(DrainageSea, NeedsALevelOrAnOcean) {
+  // A low coast: everything below row 20 at -3 m or below.
+  const TestField f = equator_field(60, 21, [](std::int64_t r, std::int64_t c) {
+    return r < 20 ? -3 - 0.01 * static_cast<double>(20 - r) : valley(r, c, 10);
+  });
+  EXPECT_EQ(drain(f.field, options(20))->counts.sea_posts, 0) << "far below 100,000 km2";
+  DrainageOptions o = options(20);
+  o.sea_level_m = 0;
+  const auto d = drain(f.field, o);
+  ASSERT_TRUE(d);
+  EXPECT_EQ(d->counts.sea_posts, 20 * 21);
+  std::int64_t southernmost = 100;
+  for (const BreakChain& chain : d->streams) {
+    for (const BreakVertex& v : chain.vertices) southernmost = std::min(southernmost, post_of(f.field, v).first);
+  }
+  EXPECT_EQ(southernmost, 19) << "streams end with the first post of the sea";
+}
+
+TEST(DrainageSea, AnOceanIsFoundByItsArea) {
+  test::GridPlace place;
+  place.lattice_level = 2;
+  place.n_rows = 40;
+  place.n_cols = 40;
+  place.x0 = 1000;
+  place.y0 = 100000;
+  place.dx = place.dy = 200;  // some 15 km
+  const TestField f(place, [](std::int64_t r, std::int64_t c) { return r < 25 ? -100.0 : valley(r, c, 20); });
+  EXPECT_EQ(drain(f.field, options(20))->counts.sea_posts, 25 * 40);
+  const TestField hole(place, [](std::int64_t r, std::int64_t c) {
+    return r >= 10 && r < 15 && c >= 10 && c < 15 ? -100.0 : valley(r, c, 20);
+  });
+  EXPECT_EQ(drain(hole.field, options(20))->counts.sea_posts, 0);
+}
+
+TEST(DrainageSea, FlatSeaHasItsShore) {
+  const TestField f =
+      equator_field(60, 41, [](std::int64_t r, std::int64_t c) { return r < 25 ? 0.0 : valley(r, c, 20); });
+  for (const bool given : {false, true}) {
+    DrainageOptions o = options(40);
+    if (given) o.sea_level_m = 0;
+    const auto d = drain(f.field, o);
+    ASSERT_TRUE(d);
+    EXPECT_EQ(d->counts.sea_posts, given ? 25 * 41 : 0);
+    ASSERT_EQ(d->counts.lakes, 1);
+    bool coast = false;
+    for (const BreakChain& chain : d->shores) {
+      for (const BreakVertex& v : chain.vertices)
+        coast = coast || post_of(f.field, v) == std::pair(std::int64_t{24}, std::int64_t{20});
+    }
+    EXPECT_TRUE(coast);
+    expect_nodes_only(*d);
+  }
+}
+
+TEST(DrainageGlobe, StreamsAcrossTheSeamGoOnPastTheWidth) {
+  // A whole belt of the globe whose water runs east along row 10, from column 30 over the seam to column 8.
+  test::GridPlace place;
+  place.lattice_level = 0;
+  place.n_rows = 21;
+  place.n_cols = 64;
+  place.dx = 131072.0 / 64;
+  place.x0 = 700;
+  place.y0 = 20000;
+  place.dy = 1500;
+  TestField f(place, [](std::int64_t r, std::int64_t c) {
+    const std::int64_t along = (c - 9 + 64) % 64;  // falls to column 8
+    return 100 + 1000.0 * static_cast<double>(std::abs(r - 10)) + 10 * static_cast<double>(63 - along) +
+           (along == 0 ? 50000 : 0);
+  });
+  f.field.wraps = true;
+  DrainageOptions o = options(20);
+  o.max_change_m = 1e6;
+  const auto d = drain(f.field, o);
+  ASSERT_TRUE(d);
+  bool crossed = false;
+  for (const BreakChain& chain : d->streams) {
+    std::int64_t least = std::numeric_limits<std::int64_t>::max();
+    for (std::size_t k = 0; k < chain.vertices.size(); ++k) {
+      const BreakVertex& v = chain.vertices[k];
+      least = std::min(least, v.x);
+      crossed = crossed || v.x >= f.field.lattice.width();
+      if (k > 0) {
+        EXPECT_LE(std::abs(v.x - chain.vertices[k - 1].x), 2049);
+      }
+    }
+    EXPECT_GE(least, 0);
+    EXPECT_LT(least, f.field.lattice.width());
+  }
+  EXPECT_TRUE(crossed);
+}
+
+TEST(DrainageOfRoughTerrain, KeepsItsPromises) {
+  for (const std::uint64_t seed : {1, 2, 3}) {
+    const auto rough = test::rough_terrain(seed, 120);
+    const TestField f = equator_field(200, 180, [&](std::int64_t r, std::int64_t c) {
+      const double z = rough(r, c);
+      return z < 25 ? 25.0 : std::floor(z);
+    });
+    DrainageOptions o = options(30, 8);
+    o.lake_area_m2 = 1;
+    o.max_change_m = 6;
+    const auto d = drain(f.field, o);
+    ASSERT_TRUE(d);
+    EXPECT_EQ(d->counts.clamped, 0) << "no pit that is conditioned is deeper than 2 max_change_m";
+    EXPECT_LE(d->counts.largest_deviation_m, 6);
+    EXPECT_GT(d->streams.size(), 20u);
+    expect_nodes_only(*d);
+    for (std::size_t k = 0; k < d->streams.size(); ++k) {
+      for (const BreakVertex& v : d->streams[k].vertices) {
+        const auto [r, c] = post_of(f.field, v);
+        ASSERT_LE(std::abs(v.height_m - f.field.height_at(r, c)), 6);
+      }
+    }
+    for (const std::int64_t side : {16, 64}) {
+      o.block_side = side;
+      const auto blocks = drain(f.field, o);
+      ASSERT_TRUE(blocks);
+      EXPECT_EQ(all_of(*blocks), all_of(*d)) << side;
+    }
+  }
+}
+
+TEST(DrainageOptions, OutOfRangeAreRefused) {
+  const TestField f = equator_field(8, 8, [](auto r, auto) { return static_cast<double>(r); });
+  const auto message = [&](auto change) {
+    DrainageOptions o = options(20);
+    change(o);
+    const auto d = drain(f.field, o);
+    return d ? std::string() : d.error().message;
+  };
+  EXPECT_EQ(message([](DrainageOptions&) {}), "");
+  EXPECT_THAT(message([](DrainageOptions& o) { o.cells = 0; }), HasSubstr("at least 1 cell"));
+  EXPECT_THAT(message([](DrainageOptions& o) { o.growth = 0.5; }), HasSubstr("growth"));
+  EXPECT_THAT(message([](DrainageOptions& o) { o.growth = NAN; }), HasSubstr("growth"));
+  EXPECT_THAT(message([](DrainageOptions& o) { o.lake_area_m2 = -1; }), HasSubstr("lake"));
+  EXPECT_THAT(message([](DrainageOptions& o) { o.max_change_m = -1; }), HasSubstr("change"));
+  EXPECT_THAT(message([](DrainageOptions& o) { o.sea_level_m = INFINITY; }), HasSubstr("sea level"));
+  EXPECT_THAT(message([](DrainageOptions& o) { o.bottom_level = 29; }), HasSubstr("bottom level"));
+  EXPECT_THAT(message([](DrainageOptions& o) { o.block_side = 0; }), HasSubstr("blocks"));
+  const auto none = derive_drainage(f.field, options(20), [](std::size_t) -> void* { return nullptr; });
+  ASSERT_FALSE(none);
+  EXPECT_EQ(none.error().kind, ErrorKind::kIo);
+}
+
+}  // namespace
+}  // namespace tind
