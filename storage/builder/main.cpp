@@ -8,9 +8,11 @@
 #include <csignal>
 #include <cstdio>
 #include <fstream>
+#include <string_view>
 
 #include "storage/builder/build.hpp"
 #include "storage/builder/report.hpp"
+#include "storage/report/report_command.hpp"
 
 namespace {
 
@@ -34,6 +36,7 @@ bool can_write(const std::string& path) { return path.empty() || std::ofstream(p
 }  // namespace
 
 int main(int argc, char** argv) {
+  if (argc > 1 && std::string_view(argv[1]) == "report") return tind::report_main(argc - 1, argv + 1);
   CLI::App app{"Builds a pyramid of seamless TIN tiles from elevation data: tind-build INPUT... -o NAME.tind"};
   app.footer(
       "Examples:\n"
