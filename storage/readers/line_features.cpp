@@ -362,8 +362,6 @@ Result<LineFile> read_line_file(const std::string& spec, const LineFrame& frame)
     if (auto added = collector.add_feature(feature->GetFID(), feature->GetGeometryRef()); !added)
       return tl::unexpected(added.error());
   }
-  if (!to_globe->has_crs())
-    file.notes.push_back(fmt::format("{}: has no CRS: taken as longitude and latitude on WGS 84", file.name));
   collector.finish();
   if (file.n_points > 0) {
     file.notes.push_back(
@@ -374,6 +372,8 @@ Result<LineFile> read_line_file(const std::string& spec, const LineFrame& frame)
                 fmt::format("{}: holds no lines or polygons to use ({} features, {} points){}", file.name,
                             file.n_features, file.n_points, file.notes.empty() ? "" : "; " + file.notes.front()));
   }
+  if (!to_globe->has_crs())
+    file.notes.push_back(fmt::format("{}: has no CRS: taken as longitude and latitude on WGS 84", file.name));
   return file;
 }
 

@@ -162,12 +162,9 @@ class Attribution {
       std::uint32_t last = first;
       while (++i < here.segments.size() && here.segments[i] == last + 1 && grid_.line(here.segments[i]) == line) ++last;
       const LatticeLine& vertices = lines_[line];
-      const bool closed = same(vertices.front(), vertices.back());
-      const bool at_start = grid_.is_first(first) && same(vertices.front(), node);
-      const bool at_end = grid_.is_last(last) && same(vertices.back(), node);
-      // A ring passes its first vertex once, at its end.
-      if (closed && at_start && !at_end) continue;
-      passes.push_back({first, !closed && (at_start || at_end)});
+      const bool is_end = (grid_.is_first(first) && same(vertices.front(), node)) ||
+                          (grid_.is_last(last) && same(vertices.back(), node));
+      passes.push_back({first, is_end});
     }
     if (std::all_of(passes.begin(), passes.end(), [](const Pass& p) { return p.is_end; })) return;
     for (std::size_t i = 0; i < passes.size(); ++i) {
@@ -177,7 +174,6 @@ class Attribution {
   }
 
  private:
-  static bool same(const BreakVertex& a, const BreakVertex& b) { return a.x == b.x && a.y == b.y; }
   static bool same(const BreakVertex& a, const LatticeXy& b) { return a.x == b.x && a.y == b.y; }
 
   LineMeeting meeting(LatticeXy at, std::uint32_t s, std::uint32_t t, bool shared) const {

@@ -22,7 +22,8 @@ struct NodedPiece {
   std::vector<std::uint32_t> lines;  ///< The input lines that run along here, ascending; at least one.
 };
 
-/// A node at which input lines meet elsewhere than in their ends, or a piece that is part of more than one line.
+/// A node at which input lines meet elsewhere than in their ends (a ring's is its first vertex), or a piece that is
+/// part of more than one line.
 struct LineMeeting {
   std::int64_t x = 0, y = 0;   ///< The node, or one end of the shared piece.
   std::uint32_t a = 0, b = 0;  ///< Input lines, a <= b; a == b: the line meets itself.

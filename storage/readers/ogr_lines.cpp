@@ -6,11 +6,13 @@
 #include <iterator>
 #include <limits>
 #include <map>
+#include <set>
 #include <tuple>
 #include <utility>
 
 #include <fmt/format.h>
 
+#include "storage/readers/join_chains.hpp"
 #include "storage/readers/line_features.hpp"
 #include "storage/readers/noding.hpp"
 #include "storage/readers/segment_grid.hpp"
@@ -18,6 +20,9 @@
 namespace tind {
 namespace {
 
+/// A vertex may be this much farther than a post spacing from the one before, so that rounding to the lattice adds
+/// none.
+constexpr double kSlackPosts = 1.0 / 64;
 constexpr double kNoHeight = std::numeric_limits<double>::quiet_NaN();
 
 /// A feature of one of the files.
@@ -57,7 +62,7 @@ std::optional<std::pair<double, double>> clip(const LineVertex& a, const LineVer
 LineVertex between(const LineVertex& a, const LineVertex& b, double t) {
   if (t <= 0) return a;
   if (t >= 1) return b;
-  return {(1 - t) * a.x + t * b.x, (1 - t) * a.y + t * b.y, (1 - t) * a.height_m + t * b.height_m};
+  return {std::lerp(a.x, b.x, t), std::lerp(a.y, b.y, t), std::lerp(a.height_m, b.height_m, t)};
 }
 
 /// The middle one, the lower of two.
@@ -262,7 +267,7 @@ void BreakLineReader::note_meetings(const std::vector<LineMeeting>& meetings) {
                    a == b ? fmt::format("{} with itself from {}", a, at) : fmt::format("{} and {} from {}", a, b, at));
     } else {
       ++out_.counts.meetings;
-      findings.add("times lines cross or touch elsewhere than in their ends: cut there",
+      findings.add("places where lines cross, or touch elsewhere than in their ends: cut there",
                    a == b ? fmt::format("{} itself at {}", a, at) : fmt::format("{} and {} at {}", a, b, at));
     }
   }
@@ -275,11 +280,11 @@ LatticeLine BreakLineReader::densify(const LatticeLine& piece, bool has_heights)
   for (std::size_t i = 1; i < piece.size(); ++i) {
     const BreakVertex &a = piece[i - 1], &b = piece[i];
     const double dx = static_cast<double>(b.x - a.x), dy = static_cast<double>(b.y - a.y);
-    const double n = std::ceil(std::max(std::abs(dx) / options_.dx, std::abs(dy) / options_.dy));
+    const double n = std::ceil(std::max(std::abs(dx) / options_.dx, std::abs(dy) / options_.dy) - kSlackPosts);
     for (double k = 1; k < n; ++k) {
       const double t = k / n;
       const BreakVertex v{a.x + std::llround(t * dx), a.y + std::llround(t * dy),
-                          has_heights ? (1 - t) * a.height_m + t * b.height_m : kNoHeight};
+                          has_heights ? std::lerp(a.height_m, b.height_m, t) : kNoHeight};
       if (v.x != out.back().x || v.y != out.back().y) out.push_back(v);
     }
     if (b.x != out.back().x || b.y != out.back().y) out.push_back(b);
@@ -337,7 +342,8 @@ double BreakLineReader::limited_height(const BreakVertex& v, const std::vector<s
 
 BreakLines BreakLineReader::finish() {
   // A lake's height wins at its shore's nodes, the lower of two lakes'.
-  std::map<LatticeXy, double> shore_nodes, node_heights;
+  std::map<LatticeXy, double> shore_nodes;
+  std::set<LatticeXy> nodes;
   const auto is_shore = [&](const NodedPiece& piece) {
     return std::any_of(piece.lines.begin(), piece.lines.end(), [&](std::uint32_t l) { return origins_[l].is_shore; });
   };
@@ -353,9 +359,11 @@ BreakLines BreakLineReader::finish() {
       at->second = std::min(at->second, height_m);
     }
   }
+  std::vector<KindChain> chains;
   for (const NodedPiece& piece : pieces_) {
-    BreakChain chain;
-    chain.weight = options_.weight;
+    KindChain& chain = chains.emplace_back();
+    chain.is_shore = is_shore(piece);
+    chain.chain.weight = options_.weight;
     for (std::size_t i = 0; i < piece.vertices.size(); ++i) {
       BreakVertex v = piece.vertices[i];
       const bool is_node = i == 0 || i + 1 == piece.vertices.size();
@@ -363,16 +371,18 @@ BreakLines BreakLineReader::finish() {
         if (const auto at = shore_nodes.find({v.x, v.y}); at != shore_nodes.end()) v.height_m = at->second;
       }
       const double height_m = limited_height(v, piece.lines);
-      const bool is_new = !is_node || node_heights.try_emplace({v.x, v.y}, height_m).second;
+      const bool is_new = !is_node || nodes.insert({v.x, v.y}).second;
       if (is_new && !std::isnan(v.height_m) && height_m != v.height_m) {
         ++out_.counts.limited;
         out_.counts.largest_change_m = std::max(out_.counts.largest_change_m, std::abs(height_m - v.height_m));
       }
-      chain.vertices.push_back({v.x, v.y, height_m});
+      chain.chain.vertices.push_back({v.x, v.y, height_m});
     }
-    out_.counts.vertices += static_cast<std::int64_t>(chain.vertices.size());
-    out_.chains.push_back(std::move(chain));
-    out_.is_shore.push_back(is_shore(piece));
+  }
+  for (KindChain& joined : join_chains(std::move(chains))) {
+    out_.counts.vertices += static_cast<std::int64_t>(joined.chain.vertices.size());
+    out_.chains.push_back(std::move(joined.chain));
+    out_.is_shore.push_back(joined.is_shore);
   }
   if (out_.chains.empty()) out_.notes.emplace_back("break lines: nothing is left to follow");
   if (!changes_.empty()) {

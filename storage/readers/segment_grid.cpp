@@ -156,8 +156,7 @@ double SegmentGrid::height_at(std::uint32_t segment, LatticeXy p) const {
   const double dx = static_cast<double>(b->x - a->x), dy = static_cast<double>(b->y - a->y);
   const double along =
       (static_cast<double>(p.x - a->x) * dx + static_cast<double>(p.y - a->y) * dy) / (dx * dx + dy * dy);
-  const double t = std::clamp(along, 0.0, 1.0);
-  return (1 - t) * a->height_m + t * b->height_m;
+  return std::lerp(a->height_m, b->height_m, std::clamp(along, 0.0, 1.0));
 }
 
 }  // namespace tind
