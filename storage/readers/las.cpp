@@ -116,7 +116,10 @@ class LasHeaderReader {
       }
     }
     if (compressed_) return {};
-    const std::uint64_t n_held = (bytes_.size() - h_.points_offset) / h_.record_bytes;
+    // Extended records follow the points.
+    const bool ends_early = n_evlrs_ > 0 && evlrs_offset_ >= h_.points_offset && evlrs_offset_ < bytes_.size();
+    const std::uint64_t end = ends_early ? evlrs_offset_ : bytes_.size();
+    const std::uint64_t n_held = (end - h_.points_offset) / h_.record_bytes;
     if (h_.n_points > n_held) {
       return bad(fmt::format("is truncated: its header announces {} points, it holds {}", h_.n_points, n_held));
     }

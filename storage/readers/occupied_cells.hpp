@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
-#include <unordered_set>
+#include <vector>
 
 namespace tind {
 
@@ -18,12 +19,17 @@ class OccupiedCells {
   /// -180 <= lon_deg < 180, -90 <= lat_deg <= 90.
   void add(double lon_deg, double lat_deg);
   /// Square metres; `n_points`: that were added.
-  double area_m2(std::uint64_t n_points, double metres_per_degree) const;
+  double area_m2(std::uint64_t n_points, double metres_per_degree);
 
  private:
   static constexpr int kFinest = 30;
-  int level_ = kFinest;  ///< k
-  std::unordered_set<std::uint64_t> cells_;
+
+  /// Brings pending cells in.
+  void merge();
+
+  int level_ = kFinest;                 ///< k
+  std::vector<std::uint64_t> cells_;    ///< Morton codes at level_ (column in the even bits), ascending, each once.
+  std::vector<std::uint64_t> pending_;  ///< Morton codes at level_, not yet among cells_.
 };
 
 }  // namespace tind

@@ -2,6 +2,7 @@
 #include "storage/readers/point_crs.hpp"
 
 #include <algorithm>
+#include <cctype>
 #include <cmath>
 #include <cstring>
 #include <limits>
@@ -36,6 +37,11 @@ std::optional<double> metres_of_unit_code(int code) {
     default:
       return std::nullopt;
   }
+}
+
+std::string lower(std::string text) {
+  std::transform(text.begin(), text.end(), text.begin(), [](unsigned char c) { return std::tolower(c); });
+  return text;
 }
 
 /// The value of a GeoTIFF key that lies in the directory itself.
@@ -182,9 +188,16 @@ Result<void> PointCrs::set_up(OGRSpatialReference& crs, const std::string& what)
     name += fmt::format(" ({}:{})", authority, code);
   }
   if (crs.IsProjected()) metres_per_z_unit = crs.GetLinearUnits();
-  if (crs.IsCompound() && crs.GetAttrNode("VERT_CS") != nullptr) {
-    if (const char* datum = crs.GetAttrValue("VERT_CS")) vertical_datum = datum;
+  if (const char* vertical = crs.GetAttrValue("VERT_CS"); crs.IsCompound() && vertical != nullptr) {
+    const std::string known = lower(vertical);
+    if (known != "unknown" && known != "unnamed") {
+      vertical_datum = vertical;
+      height_kind = known.find("ellipsoid") != std::string::npos ? "ellipsoidal" : "orthometric";
+    }
     if (const double unit = crs.GetTargetLinearUnits("VERT_CS"); unit > 0) metres_per_z_unit = unit;
+  } else if (crs.GetAxesCount() == 3) {
+    vertical_datum = fmt::format("ellipsoid of {}", name);
+    height_kind = "ellipsoidal";
   }
   OGRSpatialReference plan(crs);
   plan.StripVertical();

@@ -27,11 +27,12 @@ class PointCrs {
   PointCrs& operator=(PointCrs&&) noexcept;
   ~PointCrs();
 
-  std::string name;            ///< The CRS's own name, and "EPSG:n" in brackets where it has a code.
-  std::string vertical_datum;  ///< Name of its vertical part; empty: it has none.
-  /// Metres per unit of z: the vertical part's, else the key's (VerticalUnits 4099), else the linear unit of the plan
-  /// coordinates (the convention of ASPRS), else 1.
-  double metres_per_z_unit = 1;
+  std::string name;                     ///< The CRS's own name, and its code in brackets where it has one.
+  std::string vertical_datum;           ///< What it says that heights are; empty: nothing.
+  std::string height_kind = "unknown";  ///< "orthometric", "ellipsoidal" or "unknown".
+  /// Metres per unit of z: the vertical part's, else the GeoTIFF key's (VerticalUnits 4099), else the linear unit of
+  /// the plan coordinates (the convention of ASPRS); nullopt: it says nothing.
+  std::optional<double> metres_per_z_unit;
 
   /// Longitudes and latitudes (WGS 84, EPSG:4326) in degrees, in place. A point that has none gets infinities. Returns
   /// how many these are.

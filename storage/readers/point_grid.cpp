@@ -81,7 +81,7 @@ Result<std::int64_t> PointGrid::Impl::lay_out(const PointSource& source, const L
     return static_cast<std::int64_t>(std::floor(at / spacing)) + 1;
   };
   const double rows_to_pole = height / field.dy, cols_around = width / field.dx;
-  if (!(rows_to_pole < 1e9) || !(cols_around < 1e9))
+  if (!(rows_to_pole < 1e12) || !(cols_around < 1e12))
     return bad("the spacing of its points is too small; give --spacing M");
   const std::int64_t south_row = first_post(lattice_y(lattice, source.south_deg), field.dy);
   const std::int64_t north_row = last_post(lattice_y(lattice, source.north_deg), field.dy);

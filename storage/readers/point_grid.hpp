@@ -15,8 +15,8 @@ namespace tind {
 
 struct PointGridOptions {
   double base_height_m = 0;
-  int falloff_posts = 64;   ///< Distance over which the surface falls from the nearest values to the base height; >= 1.
-  std::string scratch_dir;  ///< Where the unlinked scratch files live (same file system as the output).
+  int falloff_posts = 64;  ///< Distance over which the surface falls from the nearest values to the base height; >= 1.
+  std::string scratch_dir = {};  ///< Where the unlinked scratch files live (same file system as the output).
   std::uint64_t memory_bytes = std::uint64_t{256} << 20;  ///< For sorting points; the result does not depend on it.
   int threads = 1;                                        ///< For interpolation; the result does not depend on it.
 };

@@ -18,6 +18,7 @@
 #include "storage/readers/las.hpp"
 #include "storage/readers/occupied_cells.hpp"
 #include "storage/readers/point_crs.hpp"
+#include "storage/readers/vertical_shift.hpp"
 #include "storage/readers/xyz_points.hpp"
 
 namespace tind {
@@ -205,8 +206,8 @@ Result<Tally> read_points(const Source& s, const PointOptions& options, const Si
   return tally;
 }
 
-/// Opens one input, reads its header and hash.
-Result<Source> inspect(const std::string& path, const PointOptions& options) {
+/// Opens one input, reads its header and hash. `vertical_unit_m`: when neither the options nor the file say it.
+Result<Source> inspect(const std::string& path, const PointOptions& options, double vertical_unit_m) {
   Source s;
   s.info.path = path;
   s.info.name = path.substr(path.find_last_of('/') + 1);
@@ -222,9 +223,10 @@ Result<Source> inspect(const std::string& path, const PointOptions& options) {
     if (!*crs) return bad(s, "says nothing about its CRS; say what it is with --source-crs EPSG:n");
     s.crs = std::move(**crs);
   }
+  s.metres_per_unit = vertical_unit_m;
   if (s.crs) {
     s.info.crs = s.crs->name;
-    s.metres_per_unit = s.crs->metres_per_z_unit;
+    s.metres_per_unit = s.crs->metres_per_z_unit.value_or(vertical_unit_m);
   } else {
     s.info.crs = "WGS 84 (EPSG:4326)";
     s.notes.push_back(fmt::format("{}: no CRS; its degrees are taken as EPSG:4326", s.info.name));
@@ -278,8 +280,38 @@ Result<ClassFilter> parse_class_filter(const std::string& text) {
 struct PointSource::Impl {
   PointOptions options;
   std::vector<Source> sources;  ///< Same order as PointSource::files.
+  std::optional<VerticalShift> shift;
   bool crosses_180 = false;
+
+  Result<void> settle_vertical(PointSource& m);
 };
+
+Result<void> PointSource::Impl::settle_vertical(PointSource& m) {
+  const auto datum_of = [](const Source& s) {
+    return s.crs && !s.crs->vertical_datum.empty() ? s.crs->vertical_datum : std::string("unknown");
+  };
+  const Source& first = sources.front();
+  if (!shift) {
+    m.vertical_datum = datum_of(first);
+    if (first.crs) m.height_kind = first.crs->height_kind;
+    for (const Source& s : sources) {
+      if (datum_of(s) == m.vertical_datum) continue;
+      m.notes.push_back(fmt::format("{}: its vertical datum differs from that of {}", s.info.name, first.info.name));
+    }
+    return {};
+  }
+  if (auto ok = shift->settle({(m.west_deg + m.east_deg) / 2, (m.south_deg + m.north_deg) / 2}); !ok) return ok;
+  m.height_kind = "ellipsoidal";
+  m.vertical_operation = shift->operation();
+  m.vertical_datum =
+      m.vertical_operation.empty() ? shift->datum() : fmt::format("WGS 84 ellipsoid, from {}", shift->datum());
+  for (const Source& s : sources) {
+    if (m.vertical_operation.empty() || !s.crs || s.crs->height_kind != "ellipsoidal") continue;
+    m.notes.push_back(fmt::format("{}: its CRS says that its heights are ellipsoidal; {} shifts them all the same",
+                                  s.info.name, options.geoid.empty() ? "--vertical-datum" : "--geoid"));
+  }
+  return {};
+}
 
 PointSource::PointSource(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
 PointSource::PointSource(PointSource&&) noexcept = default;
@@ -298,9 +330,14 @@ Result<PointSource> PointSource::open(const std::vector<std::string>& paths, con
   }
   PointSource m(std::make_unique<Impl>());
   m.impl_->options = options;
+  if (!options.vertical_datum.empty() || !options.geoid.empty()) {
+    auto shift = VerticalShift::create(options.vertical_datum, options.geoid);
+    if (!shift) return tl::unexpected(shift.error());
+    m.impl_->shift = std::move(*shift);
+  }
   auto& sources = m.impl_->sources;
   for (const std::string& path : paths) {
-    auto source = inspect(path, options);
+    auto source = inspect(path, options, m.impl_->shift ? m.impl_->shift->unit_m() : 1.0);
     if (!source) return tl::unexpected(source.error());
     sources.push_back(std::move(*source));
   }
@@ -377,26 +414,31 @@ Result<PointSource> PointSource::open(const std::vector<std::string>& paths, con
   }
   m.lat_spacing_deg = m.spacing_m / metres_per_degree;
   m.lon_spacing_deg = m.spacing_m / (metres_per_degree * cos_lat);
-  m.vertical_datum = first.crs && !first.crs->vertical_datum.empty() ? first.crs->vertical_datum : "unknown";
-  for (const Source& s : sources) {
-    const std::string datum = s.crs && !s.crs->vertical_datum.empty() ? s.crs->vertical_datum : "unknown";
-    if (datum != m.vertical_datum) {
-      m.notes.push_back(fmt::format("{}: its vertical datum differs from that of {}", s.info.name, first.info.name));
-    }
-  }
+  if (auto ok = m.impl_->settle_vertical(m); !ok) return tl::unexpected(ok.error());
   return m;
 }
 
 Result<void> PointSource::read(const Sink& sink) const {
-  std::vector<GeoPoint> unwrapped;
+  std::vector<GeoPoint> moved;
+  std::vector<Place> places;
+  std::vector<float> heights_m;
   for (const Source& s : impl_->sources) {
-    auto tally = read_points(s, impl_->options, [&](std::span<const GeoPoint> points) {
-      if (!impl_->crosses_180) return sink(points);
-      unwrapped.assign(points.begin(), points.end());
-      for (GeoPoint& p : unwrapped) {
-        if (p.lon_deg < 0) p.lon_deg += 360.0;
+    auto tally = read_points(s, impl_->options, [&](std::span<const GeoPoint> points) -> Result<void> {
+      moved.assign(points.begin(), points.end());
+      if (impl_->shift) {
+        places.clear();
+        heights_m.clear();
+        for (const GeoPoint& p : points) {
+          places.push_back({p.lon_deg, p.lat_deg});
+          heights_m.push_back(p.height_m);
+        }
+        if (auto ok = impl_->shift->apply(places, heights_m.data()); !ok) return ok;
+        for (std::size_t i = 0; i < moved.size(); ++i) moved[i].height_m = heights_m[i];
       }
-      return sink(unwrapped);
+      for (GeoPoint& p : moved) {
+        if (impl_->crosses_180 && p.lon_deg < 0) p.lon_deg += 360.0;
+      }
+      return sink(moved);
     });
     if (!tally) return tl::unexpected(tally.error());
     if (tally->seen != s.info.n_points || tally->used != s.info.n_used) {

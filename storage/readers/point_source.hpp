@@ -25,7 +25,10 @@ struct PointOptions {
   ClassFilter classes = ClassFilter().set(2);  ///< LAS only.
   std::string source_crs;                      ///< As "EPSG:2949"; replaces the files' own. Empty: the files' own.
   std::optional<double> metres_per_unit;       ///< Of z, e.g. 0.3048; replaces the files' own.
-  std::optional<double> spacing_m;             ///< Replaces the spacing that follows from the points' density.
+  std::string
+      vertical_datum;  ///< What the heights are (storage/readers/vertical_shift.hpp); empty: the files' own word.
+  std::string geoid;   ///< Path of a grid of geoid heights that PROJ reads (.gtx, .tif).
+  std::optional<double> spacing_m;  ///< Replaces the spacing that follows from the points' density.
   std::uint64_t memory_bytes = std::uint64_t{256}
                                << 20;  ///< For points on their way; the result does not depend on it.
 };
@@ -67,11 +70,14 @@ class PointSource {
   double lon_spacing_deg = 0, lat_spacing_deg = 0;  ///< D in degrees at the middle latitude.
   std::uint64_t n_used = 0;
   std::vector<PointFile> files;
-  std::string vertical_datum;      ///< What the first file says the heights are, else "unknown".
-  std::vector<std::string> notes;  ///< Lines for the user: assumptions made.
+  std::string height_kind = "unknown";  ///< "orthometric", "ellipsoidal" or "unknown": of the points as they are read.
+  std::string vertical_datum;           ///< Name: what the user or the first file says, else "unknown".
+  std::string vertical_operation;       ///< PROJ's, that made the heights ellipsoidal; empty: none.
+  std::vector<std::string> notes;       ///< Lines for the user: assumptions made.
 
   /// Hands out all used points, in any number of batches, files in their order and points in the file's. Stops at the
-  /// sink's first failure and returns it. kIo: a read failed, or a file is not what it was at open().
+  /// sink's first failure and returns it. kIo: a read failed, or a file is not what it was at open(). kInvalidInput: a
+  /// geoid grid does not reach a point.
   Result<void> read(const std::function<Result<void>(std::span<const GeoPoint>)>& sink) const;
 
  private:
