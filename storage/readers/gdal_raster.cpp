@@ -112,8 +112,9 @@ Result<void> RasterMosaic::Impl::settle_heights(RasterMosaic& m, const RasterOpt
   if (auto ok = shift->settle(post(m, m.n_rows / 2, m.n_cols / 2)); !ok) return ok;
   m.height_kind = "ellipsoidal";
   m.vertical_operation = shift->operation();
-  m.vertical_datum =
-      shift->operation().empty() ? shift->datum() : fmt::format("WGS 84 ellipsoid, from {}", shift->datum());
+  m.vertical_datum = shift->operation().empty()
+                         ? shift->datum()
+                         : fmt::format("{} ellipsoid, from {}", shift->ellipsoid(), shift->datum());
   for (const RasterFile& s : files) {
     if (s.height_kind == "ellipsoidal" && !shift->operation().empty()) {
       m.notes.push_back(fmt::format("{}: its CRS says that its heights are ellipsoidal; {} shifts them all the same",

@@ -151,11 +151,26 @@ void PixelTransform::to_cells(std::span<Place> places) const {
 }
 
 void PixelTransform::to_globe(std::span<Place> places) const {
+  const std::vector<Place> cells(places.begin(), places.end());
   for (Place& p : places) {
     p = impl_->crs_of(p);
     if (impl_->is_geographic) p.y = std::clamp(p.y, -impl_->quarter_turn, impl_->quarter_turn);
   }
   impl_->from_crs(places);
+  if (impl_->is_geographic) return;
+  // Outside a projection's outline its inverse may answer with a place that another cell has.
+  std::vector<Place> back(places.begin(), places.end());
+  impl_->to_crs(back);
+  const Place turn = impl_->turn.value_or(Place{0, 0});
+  for (std::size_t i = 0; i < places.size(); ++i) {
+    const Place found = impl_->cell_of(back[i]);
+    bool returns = false;
+    for (const double k : {0.0, -1.0, 1.0, -2.0, 2.0}) {
+      returns =
+          returns || std::hypot(found.x + k * turn.x - cells[i].x, found.y + k * turn.y - cells[i].y) <= kReturnCells;
+    }
+    if (!returns) places[i] = {INFINITY, INFINITY};
+  }
 }
 
 bool PixelTransform::is_inside(const Place& cell) const {
@@ -163,7 +178,6 @@ bool PixelTransform::is_inside(const Place& cell) const {
 }
 
 const std::optional<Place>& PixelTransform::turn() const { return impl_->turn; }
-bool PixelTransform::is_geographic() const { return impl_->is_geographic; }
 const std::string& PixelTransform::operation() const { return impl_->text; }
 
 }  // namespace tind

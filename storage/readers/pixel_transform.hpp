@@ -33,14 +33,15 @@ class PixelTransform {
   /// Longitudes and latitudes in degrees become columns and rows, in place. Where the raster's coordinates repeat
   /// around the globe (longitudes, Mercator), the turn is taken that lies inside the raster, if one does.
   void to_cells(std::span<Place> places) const;
-  /// Columns and rows become longitudes and latitudes in degrees, in place. Rows of a geographic raster beyond a pole
-  /// are taken as the pole.
+  /// Columns and rows become longitudes and latitudes in degrees, in place; infinite where the cell is not on the
+  /// globe: where to_cells() does not come back to within kReturnCells. Rows of a geographic raster beyond a pole are
+  /// taken as the pole.
   void to_globe(std::span<Place> places) const;
 
+  static constexpr double kReturnCells = 0.1;
   bool is_inside(const Place& cell) const;  ///< In [0, n_cols) x [0, n_rows).
   /// Columns and rows of one turn around the globe, if the coordinates repeat.
   const std::optional<Place>& turn() const;
-  bool is_geographic() const;
   /// The operation from EPSG:4326 to the raster's CRS as a PROJ pipeline.
   const std::string& operation() const;
 

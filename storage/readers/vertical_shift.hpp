@@ -23,7 +23,8 @@ class VerticalShift {
   ~VerticalShift();
 
   double unit_m() const;                 ///< Metres per unit of the CRS; 1 without one.
-  const std::string& datum() const;      ///< Text for the manifest: what the heights are after apply().
+  const std::string& datum() const;      ///< Name of what the input's heights are.
+  const std::string& ellipsoid() const;  ///< Datum whose ellipsoid the heights are above after apply(); after settle().
   const std::string& operation() const;  ///< PROJ's; empty: the heights are ellipsoidal already.
 
   /// Chooses among PROJ's operations the one for the middle of the data, longitude and latitude in degrees. To be

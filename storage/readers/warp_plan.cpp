@@ -19,8 +19,8 @@ constexpr double kStepDeg = 1e-4;
 constexpr double kRounding = 1e-6;
 /// The rim is walked in at most this many steps a side, and an extent whose rim leaves the globe in these from inside.
 constexpr std::int64_t kMostRimSteps = 1 << 16, kInsideSteps = 512;
-/// A border point that does not come back to within this many cells is not on the globe.
-constexpr double kReturnCells = 0.1;
+/// A pole this close to the rim lies on it.
+constexpr double kRimCells = 1e-6, kPoleDeg = 90 - 1e-9;
 /// 10^11 posts take 0.5 TB of scratch file; a real survey of that size is built in parts.
 constexpr double kMostPosts = 1e11;
 
@@ -68,7 +68,8 @@ struct Cover {
   double south = 90, north = -90;
 
   void add(const Place& a, const Place& b, double margin_x = 0, double margin_y = 0) {
-    longitudes.add(a.x, b.x, margin_x);
+    // A pole has no longitude.
+    if (std::abs(a.y) < kPoleDeg && std::abs(b.y) < kPoleDeg) longitudes.add(a.x, b.x, margin_x);
     south = std::min({south, a.y - margin_y, b.y - margin_y});
     north = std::max({north, a.y + margin_y, b.y + margin_y});
   }
@@ -78,39 +79,25 @@ struct Cover {
 std::vector<Place> walk_rim(const RasterFile& file, const PixelTransform& transform) {
   const auto w = static_cast<double>(file.info.n_cols), h = static_cast<double>(file.info.n_rows);
   const auto n_x = std::min(file.info.n_cols, kMostRimSteps), n_y = std::min(file.info.n_rows, kMostRimSteps);
-  std::vector<Place> cells;
-  for (std::int64_t k = 0; k < n_x; ++k) cells.push_back({w * static_cast<double>(k) / static_cast<double>(n_x), 0});
-  for (std::int64_t k = 0; k < n_y; ++k) cells.push_back({w, h * static_cast<double>(k) / static_cast<double>(n_y)});
-  for (std::int64_t k = n_x; k > 0; --k) cells.push_back({w * static_cast<double>(k) / static_cast<double>(n_x), h});
-  for (std::int64_t k = n_y; k > 0; --k) cells.push_back({0, h * static_cast<double>(k) / static_cast<double>(n_y)});
-  std::vector<Place> rim = cells;
+  std::vector<Place> rim;
+  for (std::int64_t k = 0; k < n_x; ++k) rim.push_back({w * static_cast<double>(k) / static_cast<double>(n_x), 0});
+  for (std::int64_t k = 0; k < n_y; ++k) rim.push_back({w, h * static_cast<double>(k) / static_cast<double>(n_y)});
+  for (std::int64_t k = n_x; k > 0; --k) rim.push_back({w * static_cast<double>(k) / static_cast<double>(n_x), h});
+  for (std::int64_t k = n_y; k > 0; --k) rim.push_back({0, h * static_cast<double>(k) / static_cast<double>(n_y)});
   transform.to_globe(rim);
   if (!std::all_of(rim.begin(), rim.end(), is_finite)) return {};
-  if (!transform.is_geographic()) {
-    std::vector<Place> back = rim;
-    transform.to_cells(back);
-    const Place turn = transform.turn().value_or(Place{0, 0});
-    for (std::size_t i = 0; i < rim.size(); ++i) {
-      double off = std::numeric_limits<double>::infinity();
-      for (const double k : {-2.0, -1.0, 0.0, 1.0, 2.0}) {
-        off = std::min(off, std::hypot(back[i].x + k * turn.x - cells[i].x, back[i].y + k * turn.y - cells[i].y));
-      }
-      if (!(off <= kReturnCells)) return {};
-    }
-  }
   rim.push_back(rim.front());
   return rim;
 }
 
-/// Whether all meridians meet the pole inside the raster.
+/// Whether all meridians meet the pole inside the raster, not just on its rim.
 bool holds_pole(const RasterFile& file, const PixelTransform& transform, double latitude) {
   std::array<Place, 12> places;
   for (std::size_t k = 0; k < places.size(); ++k) places[k] = {-180.0 + 30.0 * static_cast<double>(k), latitude};
   transform.to_cells(places);
   const auto w = static_cast<double>(file.info.n_cols), h = static_cast<double>(file.info.n_rows);
-  constexpr double kSlack = 1e-6;
   return std::all_of(places.begin(), places.end(), [&](const Place& p) {
-    return p.x >= -kSlack && p.x <= w + kSlack && p.y >= -kSlack && p.y <= h + kSlack;
+    return p.x > kRimCells && p.x < w - kRimCells && p.y > kRimCells && p.y < h - kRimCells;
   });
 }
 
@@ -124,13 +111,7 @@ void cover_inside(const RasterFile& file, const PixelTransform& transform, Cover
     for (std::int64_t c = 0; c <= n_x; ++c)
       row.push_back({w * static_cast<double>(c) / static_cast<double>(n_x),
                      h * static_cast<double>(r) / static_cast<double>(n_y)});
-    const std::vector<Place> cells = row;
     transform.to_globe(row);
-    std::vector<Place> back = row;
-    transform.to_cells(back);
-    for (std::size_t c = 0; c < row.size(); ++c) {
-      if (!(std::hypot(back[c].x - cells[c].x, back[c].y - cells[c].y) <= kReturnCells)) row[c].x = row[c].y = INFINITY;
-    }
     const auto join = [&](const Place& a, const Place& b) {
       if (is_finite(a) && is_finite(b)) cover.add(a, b, std::abs(short_way(a.x, b.x)), std::abs(a.y - b.y));
     };
