@@ -35,7 +35,7 @@ using FaceBase =
     CGAL::Constrained_triangulation_face_base_2<Kernel, CGAL::Triangulation_face_base_with_info_2<FaceInfo, Kernel>>;
 using Cdt =
     CGAL::Constrained_Delaunay_triangulation_2<Kernel, CGAL::Triangulation_data_structure_2<VertexBase, FaceBase>,
-                                               CGAL::No_constraint_intersection_tag>;
+                                               CGAL::No_constraint_intersection_requiring_constructions_tag>;
 using Vertex = Cdt::Vertex_handle;
 using Face = Cdt::Face_handle;
 
@@ -342,6 +342,86 @@ class TileRefiner {
       hint = v->face();
     }
     for (const auto& piece : task_.constraints) insert_constraint(piece);
+    lead_constraints_through_vertices();
+  }
+
+  // Distance of a point from the edge opposite vertex i, lattice steps; infinite where its foot is not on the edge.
+  static double distance_to_edge(Face f, int i, std::int64_t x, std::int64_t y) {
+    const VertexInfo &a = f->vertex(Cdt::ccw(i))->info(), &b = f->vertex(Cdt::cw(i))->info();
+    const double dx = static_cast<double>(b.x - a.x), dy = static_cast<double>(b.y - a.y);
+    const double px = static_cast<double>(x - a.x), py = static_cast<double>(y - a.y);
+    const double length2 = dx * dx + dy * dy, along = px * dx + py * dy;
+    if (along <= 0 || along >= length2) return std::numeric_limits<double>::infinity();
+    return std::abs(static_cast<double>(Int128{b.x - a.x} * (y - a.y) - Int128{b.y - a.y} * (x - a.x))) /
+           std::sqrt(length2);
+  }
+
+  // A vertex is off its post by up to half a step each way: a constraint that passes so close may part them, and then
+  // nothing holds the surface at the post. Such a constraint runs through the vertex instead.
+  static constexpr double kBesideSteps = 1.5;
+
+  void lead_constraints_through_vertices() {
+    std::vector<std::pair<Vertex, Vertex>> open;
+    for (const Cdt::Edge& e : cdt_.finite_edges()) {
+      if (e.first->is_constrained(e.second)) {
+        open.emplace_back(e.first->vertex(Cdt::ccw(e.second)), e.first->vertex(Cdt::cw(e.second)));
+      }
+    }
+    while (!open.empty()) {
+      const auto [a, b] = open.back();
+      open.pop_back();
+      Face f;
+      int i = 0;
+      if (!cdt_.is_edge(a, b, f, i) || !f->is_constrained(i)) continue;
+      for (int beside = 0; beside < 2; ++beside) {
+        const Vertex w = f->vertex(i);
+        if (!cdt_.is_infinite(w) && distance_to_edge(f, i, w->info().x, w->info().y) < kBesideSteps) {
+          cdt_.remove_constrained_edge(f, i);
+          for (const Vertex end : {a, b}) {
+            constrain(end, w);
+            open.emplace_back(end, w);
+          }
+          break;
+        }
+        const Face other = f->neighbor(i);
+        i = cdt_.mirror_index(f, i);
+        f = other;
+      }
+    }
+  }
+
+  bool constrain(Vertex a, Vertex b) {
+    try {
+      cdt_.insert_constraint(a, b);
+      return true;
+    } catch (const Cdt::Intersection_of_constraints_exception&) {
+      return false;
+    }
+  }
+
+  // The new vertex takes over the constraints of a face's edges that it lies close to; returns their ends.
+  std::vector<Vertex> release_edges_beside(Face f, std::int64_t x, std::int64_t y) {
+    std::vector<Vertex> ends;
+    for (int i = 0; i < 3; ++i) {
+      if (!f->is_constrained(i)) continue;
+      const double distance = distance_to_edge(f, i, x, y);
+      if (distance == 0 || distance >= kBesideSteps) continue;
+      const Face other = f->neighbor(i);
+      other->set_constraint(cdt_.mirror_index(f, i), false);
+      f->set_constraint(i, false);
+      ends.push_back(f->vertex(Cdt::ccw(i)));
+      ends.push_back(f->vertex(Cdt::cw(i)));
+    }
+    return ends;
+  }
+
+  void constrain_edge(Vertex a, Vertex b) {
+    Face f;
+    int i = 0;
+    if (!cdt_.is_edge(a, b, f, i)) return;
+    const Face other = f->neighbor(i);
+    other->set_constraint(cdt_.mirror_index(f, i), true);
+    f->set_constraint(i, true);
   }
 
   void insert_constraint(const std::array<LocalVertex, 2>& piece) {
@@ -355,11 +435,7 @@ class TileRefiner {
       insert_vertex_info(ends[i], p, 0);
       ++n_of_lines_;
     }
-    try {
-      cdt_.insert_constraint(ends[0], ends[1]);
-    } catch (const Cdt::Intersection_of_constraints_exception&) {
-      ++n_left_out_;
-    }
+    if (ends[0] != ends[1] && !constrain(ends[0], ends[1])) ++n_left_out_;
   }
 
   static bool morton_before(const LocalVertex& a, const LocalVertex& b) {
@@ -373,7 +449,9 @@ class TileRefiner {
       const Candidate best = heap_.top();
       heap_.pop();
       if (best.stamp != best.face->info().stamp) continue;
+      const std::vector<Vertex> released = release_edges_beside(best.face, best.x, best.y);
       const Vertex v = insert_point(best.x, best.y, best.face);
+      for (const Vertex end : released) constrain_edge(v, end);
       const LocalVertex p{best.x, best.y, field_.lattice_height(west_ + best.x, south_ + best.y)};
       insert_vertex_info(v, p, 0);
       ++n_inserted_;

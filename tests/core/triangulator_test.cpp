@@ -81,6 +81,90 @@ TEST(Triangulator, KeepsThePromiseAtPostsBesideABorder) {
   }
 }
 
+// Random lines over the tile, their ends on posts or anywhere.
+void add_lines(const TestField& f, std::uint64_t seed, int n, TileTask& task) {
+  const std::int64_t side = f.field.lattice.tile_side(kTile.level), west = side * kTile.x, south = side * kTile.y;
+  const auto end_of_line = [&](int k, int which) {
+    const auto at = [&](int axis) {
+      const double u = noise(seed, 100 * k + 10 * which + axis, axis);
+      if (which == 1 || k % 2) return 1 + static_cast<std::int64_t>(u * static_cast<double>(side - 2));
+      // On a post: lines of posts pass close to other posts.
+      const double origin =
+          axis == 0 ? f.field.x0 - static_cast<double>(west) : f.field.y0 - static_cast<double>(south);
+      return static_cast<std::int64_t>(std::llround(origin + kSpacing * std::floor(5 + 95 * u)));
+    };
+    const std::int64_t x = at(0), y = at(1);
+    return LocalVertex{x, y, f.field.lattice_height(west + x, south + y)};
+  };
+  for (int k = 0; k < n; ++k) task.constraints.push_back({end_of_line(k, 0), end_of_line(k, 1 + k % 4)});
+}
+
+// Lengths of pieces of a segment that are covered by edges of the mesh, as a share of the segment.
+double covered_share(const Mesh& mesh, const LocalVertex& a, const LocalVertex& b) {
+  const double dx = static_cast<double>(b.x - a.x), dy = static_cast<double>(b.y - a.y), length2 = dx * dx + dy * dy;
+  // Position along the segment of a vertex on it (constraints give way by a step or two), -1 elsewhere.
+  const auto along = [&](const LocalVertex& v) {
+    const double px = static_cast<double>(v.x - a.x), py = static_cast<double>(v.y - a.y);
+    if (std::abs(dx * py - dy * px) > 3 * std::sqrt(length2)) return -1.0;
+    const double t = (px * dx + py * dy) / length2;
+    return t >= -1e-12 && t <= 1 + 1e-12 ? t : -1.0;
+  };
+  double covered = 0;
+  for (const Triangle& t : mesh.triangles) {
+    for (std::size_t e = 0; e < 3; ++e) {
+      const double p = along(mesh.vertices[t[e]]), q = along(mesh.vertices[t[(e + 1) % 3]]);
+      if (p >= 0 && q > p) covered += q - p;
+    }
+  }
+  return covered;
+}
+
+TEST(Triangulator, FollowsLinesAndKeepsThePromiseBesideThem) {
+  for (std::uint64_t seed = 1; seed <= 8; ++seed) {
+    const double tolerance_m = seed % 2 ? 25 : 80;
+    const TestField f = field_over(rough_terrain(seed, 1000));
+    const RefinementSpec spec = spec_from(kTile.level, tolerance_m, kFiner, f.field.lattice);
+    TestTile tile = make_task(f.field, spec, kTile);
+    add_lines(f, seed, 30, tile.task);
+    tile.surface = triangulate(f.field, tile.task);
+    const Mesh mesh = mesh_of(tile);
+    const PostCheck posts = check_posts(f.field, kTile, mesh);
+    EXPECT_EQ(posts.n_missed, 0);
+    EXPECT_LE(posts.worst_m, tolerance_m) << "seed " << seed;
+    EXPECT_LE(check_posts(f.field, kTile, tessellate(tile, {6, 7, 5, 6})).worst_m, tolerance_m) << "seed " << seed;
+    EXPECT_GT(tile.surface.n_left_out, 0u);  // they do cross
+    EXPECT_GT(tile.surface.n_of_lines, 20u);
+    // The most important is there from end to end, and so are most of those that cross none before them.
+    EXPECT_GT(covered_share(mesh, tile.task.constraints[0][0], tile.task.constraints[0][1]), 0.999);
+    std::size_t whole = 0;
+    for (const auto& [a, b] : tile.task.constraints) whole += covered_share(mesh, a, b) > 0.999;
+    EXPECT_GE(whole + tile.surface.n_left_out, tile.task.constraints.size()) << "seed " << seed;
+    for (const auto& piece : tile.task.constraints) {
+      for (const LocalVertex& v : piece) EXPECT_THAT(tile.surface.interior, testing::Contains(v));
+    }
+  }
+}
+
+TEST(Triangulator, LeadsALineThroughAPostThatItNearlyMeets) {
+  // A sharp peak whose vertex lies half a step beside a long line through the plain.
+  TestField f = field_over([](auto r, auto c) { return r == 50 && c == 50 ? 900.0 : 0.0; });
+  const std::int64_t side = f.field.lattice.tile_side(kTile.level);
+  const double px = f.field.post_x(50) - static_cast<double>(side * kTile.x);
+  const double py = f.field.post_y(50) - static_cast<double>(side * kTile.y);
+  const std::int64_t x = std::llround(px), y = std::llround(py);
+  const RefinementSpec spec = spec_from(kTile.level, 20, kFiner, f.field.lattice);
+  for (const int way : {-1, 1}) {
+    for (const bool known_before : {false, true}) {
+      TestTile tile = make_task(f.field, spec, kTile);
+      // The line passes the vertex at 1/2 step, on either side.
+      tile.task.constraints = {{LocalVertex{x - 20000, y - 10000, 0}, LocalVertex{x + 20000, y + 10000 + way, 0}}};
+      if (known_before) tile.task.initial = {{x, y, f.field.lattice.height_from_m(900)}};
+      tile.surface = triangulate(f.field, tile.task);
+      EXPECT_LE(check_posts(f.field, kTile, mesh_of(tile)).worst_m, 20) << way << known_before;
+    }
+  }
+}
+
 TEST(Triangulator, GivesAFlatTileTwoTriangles) {
   TestTile tile;
   EXPECT_EQ(triangulate_and_check(field_over([](auto, auto) { return 12.25; }), 5, &tile), "");
