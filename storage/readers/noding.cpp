@@ -97,10 +97,11 @@ std::vector<Points> dissolve(const Geos& geos, const std::vector<Points>& lines)
   return pieces;
 }
 
-/// Whether no other piece ends where this ring does, so that it may start anywhere.
-bool is_free_ring(const Points& piece, const std::vector<LatticeXy>& ends) {
-  if (piece.front() != piece.back()) return false;
-  const auto [from, to] = std::equal_range(ends.begin(), ends.end(), piece.front());
+/// Whether no other piece ends where this ring does, so that it may start anywhere. `ends`: of all pieces, sorted.
+bool is_free_ring(const LatticeLine& piece, const std::vector<LatticeXy>& ends) {
+  const LatticeXy first{piece.front().x, piece.front().y}, last{piece.back().x, piece.back().y};
+  if (first != last) return false;
+  const auto [from, to] = std::equal_range(ends.begin(), ends.end(), first);
   return to - from == 2;
 }
 
@@ -120,6 +121,15 @@ class Attribution {
     return fail(
         ErrorKind::kInvalidInput,
         fmt::format("the break lines cross each other more than {} times; give fewer or simpler lines", kMaxCrossings));
+  }
+
+  std::vector<bool> unsettled_lines() const { return grid_.unsettled_lines(); }
+
+  /// A line that stays as it is; its ends may be other lines', too.
+  NodedPiece as_piece(std::uint32_t line) const {
+    NodedPiece piece{lines_[line], {line}};
+    for (BreakVertex* v : {&piece.vertices.front(), &piece.vertices.back()}) v->height_m = pass({v->x, v->y}).height_m;
+    return piece;
   }
 
   void attribute(const Points& points, NodedLines& out) const {
@@ -227,14 +237,9 @@ class Attribution {
   SegmentGrid grid_;
 };
 
-}  // namespace
-
-Result<NodedLines> node_lines(std::span<const LatticeLine> lines) {
-  NodedLines out;
-  if (lines.empty()) return out;
-  const Attribution attribution(lines);
-  if (auto checked = attribution.check_crossings(); !checked) return tl::unexpected(checked.error());
-
+/// All lines cut at each other, in no particular order.
+Result<std::vector<Points>> cut_lines(const std::vector<LatticeLine>& lines) {
+  if (lines.empty()) return std::vector<Points>{};
   // Small numbers for GEOS' doubles, and one order for one set of lines.
   LatticeXy origin{std::numeric_limits<std::int64_t>::max(), std::numeric_limits<std::int64_t>::max()};
   for (const LatticeLine& line : lines) {
@@ -255,24 +260,73 @@ Result<NodedLines> node_lines(std::span<const LatticeLine> lines) {
     return fail(ErrorKind::kUnsupported, fmt::format("the break lines cannot be cut at each other (GEOS: {})",
                                                      geos.message().empty() ? "no message" : geos.message()));
   }
-  std::vector<LatticeXy> ends;
   for (Points& piece : pieces) {
     for (LatticeXy& p : piece) p = {p.x + origin.x, p.y + origin.y};
-    ends.push_back(piece.front());
-    ends.push_back(piece.back());
-  }
-  std::sort(ends.begin(), ends.end());
-  for (Points& piece : pieces) {
-    if (is_free_ring(piece, ends)) {
-      make_canonical(piece);
-    } else if (std::lexicographical_compare(piece.rbegin(), piece.rend(), piece.begin(), piece.end())) {
+    if (std::lexicographical_compare(piece.rbegin(), piece.rend(), piece.begin(), piece.end()))
       std::reverse(piece.begin(), piece.end());
-    }
   }
   std::sort(pieces.begin(), pieces.end());
-  for (const Points& piece : pieces) attribution.attribute(piece, out);
-  ends.erase(std::unique(ends.begin(), ends.end()), ends.end());
-  for (const LatticeXy& node : ends) attribution.find_meetings(node, out.meetings);
+  return pieces;
+}
+
+/// Ascending by points, whichever way a piece runs; rings that nothing else meets start at their smallest point.
+void sort_pieces(std::vector<NodedPiece>& pieces) {
+  const auto before = [](const BreakVertex& a, const BreakVertex& b) {
+    return std::tie(a.x, a.y) < std::tie(b.x, b.y);
+  };
+  std::vector<LatticeXy> ends;
+  for (const NodedPiece& piece : pieces) {
+    for (const BreakVertex& v : {piece.vertices.front(), piece.vertices.back()}) ends.push_back({v.x, v.y});
+  }
+  std::sort(ends.begin(), ends.end());
+  std::vector<std::pair<Points, std::size_t>> order;
+  for (std::size_t i = 0; i < pieces.size(); ++i) {
+    LatticeLine& v = pieces[i].vertices;
+    if (is_free_ring(v, ends)) {
+      v.pop_back();
+      std::rotate(v.begin(), std::min_element(v.begin(), v.end(), before), v.end());
+      v.push_back(v.front());
+    }
+    Points& points = order.emplace_back(Points{}, i).first;
+    for (const BreakVertex& p : v) points.push_back({p.x, p.y});
+    if (std::lexicographical_compare(points.rbegin(), points.rend(), points.begin(), points.end()))
+      std::reverse(points.begin(), points.end());
+  }
+  std::sort(order.begin(), order.end());
+  std::vector<NodedPiece> sorted;
+  for (const auto& [points, i] : order) sorted.push_back(std::move(pieces[i]));
+  pieces = std::move(sorted);
+}
+
+}  // namespace
+
+Result<NodedLines> node_lines(std::span<const LatticeLine> lines) {
+  NodedLines out;
+  if (lines.empty()) return out;
+  const Attribution attribution(lines);
+  if (auto checked = attribution.check_crossings(); !checked) return tl::unexpected(checked.error());
+
+  // Most lines of most files are well apart or meet in their ends alone, and GEOS is slow.
+  const std::vector<bool> unsettled = attribution.unsettled_lines();
+  std::vector<LatticeLine> rest;
+  for (std::uint32_t l = 0; l < lines.size(); ++l) {
+    if (unsettled[l])
+      rest.push_back(lines[l]);
+    else
+      out.pieces.push_back(attribution.as_piece(l));
+  }
+  auto cut = cut_lines(rest);
+  if (!cut) return tl::unexpected(cut.error());
+  std::vector<LatticeXy> nodes;
+  for (const Points& piece : *cut) {
+    attribution.attribute(piece, out);
+    nodes.push_back(piece.front());
+    nodes.push_back(piece.back());
+  }
+  std::sort(nodes.begin(), nodes.end());
+  nodes.erase(std::unique(nodes.begin(), nodes.end()), nodes.end());
+  for (const LatticeXy& node : nodes) attribution.find_meetings(node, out.meetings);
+  sort_pieces(out.pieces);
   const auto key = [](const LineMeeting& m) { return std::tie(m.shared_piece, m.y, m.x, m.a, m.b); };
   std::sort(out.meetings.begin(), out.meetings.end(), [&](const auto& m, const auto& n) { return key(m) < key(n); });
   out.meetings.erase(std::unique(out.meetings.begin(), out.meetings.end(),

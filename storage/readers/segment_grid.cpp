@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numeric>
 
 namespace tind {
 namespace {
@@ -34,6 +35,14 @@ bool touches_pixel(LatticeXy a, LatticeXy b, LatticeXy p) {
     }
   }
   return left < 4 && right < 4;
+}
+
+/// From p to the segment, in steps.
+double distance(LatticeXy p, LatticeXy a, LatticeXy b) {
+  const auto dx = static_cast<double>(b.x - a.x), dy = static_cast<double>(b.y - a.y);
+  const auto px = static_cast<double>(p.x - a.x), py = static_cast<double>(p.y - a.y);
+  const double t = std::clamp((px * dx + py * dy) / (dx * dx + dy * dy), 0.0, 1.0);
+  return std::hypot(px - t * dx, py - t * dy);
 }
 
 /// Near enough where segments that cross do so.
@@ -102,14 +111,14 @@ void SegmentGrid::visit_cells(std::uint32_t segment, const Visit& visit) const {
     return std::clamp(static_cast<std::int64_t>(std::floor(position / cell_)), std::int64_t{0}, n - 1);
   };
   const double per_y = by > ay ? (bx - ax) / (by - ay) : 0;
-  // The part of the segment within a row of cells, one step longer at both ends and one step wider.
-  const std::int64_t last_row = index(by + 1, n_rows_);
-  for (std::int64_t row = index(ay - 1, n_rows_); row <= last_row; ++row) {
-    const double from_y = std::clamp(static_cast<double>(row) * cell_ - 1, ay, by);
-    const double to_y = std::clamp(static_cast<double>(row + 1) * cell_ + 1, ay, by);
+  // The part of the segment within a row of cells, longer at both ends and wider by the surroundings.
+  const std::int64_t last_row = index(by + kSettledSteps, n_rows_);
+  for (std::int64_t row = index(ay - kSettledSteps, n_rows_); row <= last_row; ++row) {
+    const double from_y = std::clamp(static_cast<double>(row) * cell_ - kSettledSteps, ay, by);
+    const double to_y = std::clamp(static_cast<double>(row + 1) * cell_ + kSettledSteps, ay, by);
     const double x1 = by > ay ? ax + (from_y - ay) * per_y : ax, x2 = by > ay ? ax + (to_y - ay) * per_y : bx;
-    const std::int64_t last_col = index(std::max(x1, x2) + 1, n_cols_);
-    for (std::int64_t col = index(std::min(x1, x2) - 1, n_cols_); col <= last_col; ++col)
+    const std::int64_t last_col = index(std::max(x1, x2) + kSettledSteps, n_cols_);
+    for (std::int64_t col = index(std::min(x1, x2) - kSettledSteps, n_cols_); col <= last_col; ++col)
       visit(static_cast<std::size_t>(row * n_cols_ + col));
   }
 }
@@ -147,6 +156,65 @@ std::int64_t SegmentGrid::count_crossings(std::int64_t limit) const {
     }
   }
   return std::min(n_crossings, limit);
+}
+
+bool SegmentGrid::is_line_end(std::uint32_t segment, LatticeXy p) const {
+  const auto [a, b] = ends(segment);
+  return (is_first(segment) && p == a) || (is_last(segment) && p == b);
+}
+
+SegmentGrid::Contact SegmentGrid::contact(std::uint32_t s, std::uint32_t t) const {
+  const auto [a, b] = ends(s);
+  const auto [c, d] = ends(t);
+  const auto far = static_cast<std::int64_t>(kSettledSteps);
+  if (std::max(a.x, b.x) + far < std::min(c.x, d.x) || std::max(c.x, d.x) + far < std::min(a.x, b.x) ||
+      std::max(a.y, b.y) + far < std::min(c.y, d.y) || std::max(c.y, d.y) + far < std::min(a.y, b.y))
+    return Contact::kNone;
+  const bool ac = a == c, ad = a == d, bc = b == c, bd = b == d;
+  const int n_shared = int{ac} + int{ad} + int{bc} + int{bd};
+  if (n_shared == 0) {
+    const bool cross = side(a, b, c) * side(a, b, d) < 0 && side(c, d, a) * side(c, d, b) < 0;
+    const bool apart = !cross && distance(a, c, d) > kSettledSteps && distance(b, c, d) > kSettledSteps &&
+                       distance(c, a, b) > kSettledSteps && distance(d, a, b) > kSettledSteps;
+    return apart ? Contact::kNone : Contact::kUnsettled;
+  }
+  if (n_shared > 1) return Contact::kUnsettled;
+  const LatticeXy shared = ac || ad ? a : b;
+  const bool neighbours = line(s) == line(t) && (s + 1 == t || t + 1 == s);
+  if (!neighbours && !(is_line_end(s, shared) && is_line_end(t, shared))) return Contact::kUnsettled;
+  const LatticeXy from = ac || ad ? b : a, to = ac || bc ? d : c;
+  const bool apart = distance(from, c, d) > kSettledSteps && distance(to, a, b) > kSettledSteps;
+  return apart ? Contact::kJoined : Contact::kUnsettled;
+}
+
+std::vector<bool> SegmentGrid::unsettled_lines() const {
+  std::vector<bool> unsettled(lines_.size(), false);
+  std::vector<std::uint32_t> joined_to(lines_.size());
+  std::iota(joined_to.begin(), joined_to.end(), 0U);
+  const auto root = [&](std::uint32_t l) {
+    while (joined_to[l] != l) l = joined_to[l] = joined_to[joined_to[l]];
+    return l;
+  };
+  std::int64_t n_pairs = 0;
+  for (std::size_t cell = 0; cell + 1 < first_in_.size(); ++cell) {
+    for (std::uint64_t i = first_in_[cell]; i < first_in_[cell + 1]; ++i) {
+      n_pairs += static_cast<std::int64_t>(i - first_in_[cell]);
+      if (n_pairs > kMaxPairs) return std::vector<bool>(lines_.size(), true);
+      for (std::uint64_t j = first_in_[cell]; j < i; ++j) {
+        const std::uint32_t s = segments_[j], t = segments_[i];
+        const Contact found = contact(s, t);
+        if (found == Contact::kNone) continue;
+        joined_to[root(line(s))] = root(line(t));
+        if (found == Contact::kUnsettled) unsettled[line(s)] = true;
+      }
+    }
+  }
+  std::vector<bool> out(lines_.size(), false);
+  for (std::uint32_t l = 0; l < lines_.size(); ++l) {
+    if (unsettled[l]) out[root(l)] = true;
+  }
+  for (std::uint32_t l = 0; l < lines_.size(); ++l) out[l] = out[root(l)];
+  return out;
 }
 
 double SegmentGrid::height_at(std::uint32_t segment, LatticeXy p) const {

@@ -17,7 +17,7 @@ struct LatticeXy {
 };
 
 /// Finds the segments of lines near a lattice point: a grid of square cells over the lines' bounds, each with the
-/// segments whose surroundings (one lattice step) reach into it. Segments are numbered line by line. Predicates are
+/// segments whose surroundings (kSettledSteps) reach into it. Segments are numbered line by line. Predicates are
 /// exact. Const access is thread safe.
 class SegmentGrid {
  public:
@@ -29,6 +29,12 @@ class SegmentGrid {
   /// Pairs of segments that cross properly, but at most `limit`; gives up looking (for a lower bound) after some 10^8
   /// pairs.
   std::int64_t count_crossings(std::int64_t limit) const;
+
+  /// Per line whether noding could change it. False: neither this line nor any that it is joined to, directly or
+  /// through others, comes within kSettledSteps of another line or of itself but for ends that are joined, so that
+  /// cutting and rounding the rest cannot touch it.
+  std::vector<bool> unsettled_lines() const;
+  static constexpr double kSettledSteps = 2;
 
   std::uint32_t line(std::uint32_t segment) const { return line_of_[segment]; }
   bool is_first(std::uint32_t segment) const { return segment == first_of_[line(segment)]; }
@@ -44,6 +50,9 @@ class SegmentGrid {
   /// Cells that the segment touches, in rows; calls visit(cell index).
   template <class Visit>
   void visit_cells(std::uint32_t segment, const Visit& visit) const;
+  enum class Contact { kNone, kJoined, kUnsettled };
+  Contact contact(std::uint32_t s, std::uint32_t t) const;
+  bool is_line_end(std::uint32_t segment, LatticeXy p) const;
   std::pair<const BreakVertex*, const BreakVertex*> vertices(std::uint32_t segment) const;
 
   std::span<const std::vector<BreakVertex>> lines_;

@@ -243,6 +243,52 @@ TEST(Noding, RandomLinesAreNodedAndStayWithinAStep) {
   }
 }
 
+TEST(Noding, LinesThatNothingTouchesStayAmongOthersThatAreCut) {
+  std::mt19937_64 random(23);
+  for (int run = 0; run < 300; ++run) {
+    // Short lines in a narrow field: some alone, some joined, some in each other's way by a step or two.
+    std::vector<LatticeLine> lines;
+    for (int i = 0; i < 14; ++i) {
+      LatticeLine l{{static_cast<std::int64_t>(random() % 60), static_cast<std::int64_t>(random() % 60), kNone}};
+      if (i > 0 && random() % 3 == 0) l[0] = random() % 2 == 0 ? lines.back().front() : lines.back().back();
+      const auto n_vertices = 2 + random() % 3;
+      while (l.size() < n_vertices) {
+        BreakVertex v = l.back();
+        v.x += static_cast<std::int64_t>(random() % 21) - 10;
+        v.y += static_cast<std::int64_t>(random() % 21) - 10;
+        if (v.x != l.back().x || v.y != l.back().y) l.push_back(v);
+      }
+      lines.push_back(l);
+    }
+    const auto together = node_lines(lines);
+    ASSERT_TRUE(together);
+    ASSERT_EQ(fault(together->pieces), "") << "run " << run;
+    std::set<Xy> vertices;
+    for (const NodedPiece& piece : together->pieces) {
+      for (const Xy& p : points(piece.vertices)) vertices.insert(p);
+    }
+    for (const LatticeLine& l : lines) {
+      for (const Xy& p : points(l)) ASSERT_TRUE(vertices.contains(p));
+    }
+  }
+}
+
+TEST(Noding, LinesApartNeedNoCutting) {
+  // More lines than GEOS could node in the time of a test, joined in their ends.
+  std::vector<LatticeLine> lines;
+  for (std::int64_t r = 0; r < 300; ++r) {
+    for (std::int64_t c = 0; c < 300; ++c) {
+      lines.push_back(line({{c * 50, r * 50}, {c * 50 + 20, r * 50 + 5}, {c * 50 + 50, r * 50}}, 1));
+      lines.push_back(line({{c * 50, r * 50}, {c * 50, r * 50 + 50}}, 2));
+    }
+  }
+  const auto noded = node_lines(lines);
+  ASSERT_TRUE(noded);
+  EXPECT_EQ(noded->pieces.size(), lines.size());
+  EXPECT_TRUE(noded->meetings.empty());
+  for (const NodedPiece& piece : noded->pieces) ASSERT_EQ(piece.vertices.front().height_m, 1);
+}
+
 TEST(Noding, DoesNotDependOnOrderOrDirection) {
   std::mt19937_64 random(21);
   for (int run = 0; run < 40; ++run) {

@@ -310,7 +310,7 @@ TEST_F(OgrLinesTest, FigureEightAndBowTieAreCutAtThemselves) {
 TEST_F(OgrLinesTest, OrderOfFilesAndFeaturesDoesNotMatter) {
   std::mt19937_64 random(31);
   std::vector<std::pair<std::string, std::string>> features;
-  for (int i = 0; i < 60; ++i) {
+  for (int i = 0; i < 24; ++i) {
     std::string text;
     for (int j = 0; j < 4; ++j) {
       text +=
@@ -320,7 +320,7 @@ TEST_F(OgrLinesTest, OrderOfFilesAndFeaturesDoesNotMatter) {
     features.emplace_back("LineString", "[" + text + "]");
   }
   const auto half = [&](bool second) {
-    const auto middle = features.begin() + 30;
+    const auto middle = features.begin() + 12;
     return std::vector(second ? middle : features.begin(), second ? features.end() : middle);
   };
   const BreakLineFile before[] = {{write_json("a.json", half(false)), false},
