@@ -4,7 +4,11 @@
 #include <cmath>
 #include <cstdint>
 #include <limits>
+#include <map>
+#include <utility>
 #include <vector>
+
+#include <gtest/gtest.h>
 
 #include "core/drainage/drainage.hpp"
 #include "tests/support/test_field.hpp"
@@ -69,6 +73,46 @@ inline Result<Drainage> drain(const HeightField& field, const DrainageOptions& o
     memory.emplace_back(n_bytes / sizeof(double) + 1, -1.5e300);  // contents must not matter
     return memory.back().data();
   });
+}
+
+inline DrainageOptions options(std::int64_t cells, int bottom_level = 4) {
+  DrainageOptions o;
+  o.cells = cells;
+  o.bottom_level = bottom_level;
+  o.max_change_m = 10;
+  return o;
+}
+
+/// Post (row, col) of a vertex.
+inline std::pair<std::int64_t, std::int64_t> post_of(const HeightField& f, const BreakVertex& v) {
+  return {std::llround((static_cast<double>(v.y) - f.y0) / f.dy),
+          std::llround((static_cast<double>(v.x) - f.x0) / f.dx)};
+}
+
+/// A valley along column `centre`, running south at 1 m a post, with sides of 20 m a post.
+inline double valley(std::int64_t r, std::int64_t c, std::int64_t centre) {
+  return static_cast<double>(r) + 20 * static_cast<double>(std::abs(c - centre)) + 100;
+}
+
+/// All chains keep the rules of break lines: no two equal neighbours, and shared vertices only at ends.
+inline void expect_nodes_only(const Drainage& d) {
+  std::map<std::pair<std::int64_t, std::int64_t>, int> inner, ends;
+  for (const auto* chains : {&d.streams, &d.shores}) {
+    for (const BreakChain& chain : *chains) {
+      ASSERT_GE(chain.vertices.size(), 2u);
+      for (std::size_t k = 0; k < chain.vertices.size(); ++k) {
+        const BreakVertex& v = chain.vertices[k];
+        if (k > 0) {
+          ASSERT_FALSE(v.x == chain.vertices[k - 1].x && v.y == chain.vertices[k - 1].y);
+        }
+        ++(k == 0 || k + 1 == chain.vertices.size() ? ends : inner)[{v.x, v.y}];
+      }
+    }
+  }
+  for (const auto& [at, n] : inner) {
+    ASSERT_EQ(n, 1) << at.first << " " << at.second;
+    ASSERT_FALSE(ends.contains(at)) << at.first << " " << at.second;
+  }
 }
 
 }  // namespace tind::test
