@@ -53,6 +53,8 @@ class ElevationSource {
   /// The source's own spacing in metres; absent where it has only degrees.
   std::optional<double> own_spacing_m() const;
   bool has_points() const { return points_.has_value(); }
+  /// Null for points. Valid as long as this object.
+  const RasterMosaic* raster() const { return raster_ ? &*raster_ : nullptr; }
 
   /// Makes the height field; `progress(fraction)` is called from this thread.
   Result<void> load(const Lattice& lattice, double base_height_m, int falloff_posts, const std::string& scratch_dir,

@@ -17,6 +17,7 @@
 #include "storage/builder/progress.hpp"
 #include "storage/builder/tile_posts.hpp"
 #include "storage/report/bilinear_raster.hpp"
+#include "storage/report/native_posts.hpp"
 #include "storage/report/pyramid_file.hpp"
 #include "storage/report/source_grid.hpp"
 #include "storage/report/stream_quality.hpp"
@@ -182,8 +183,8 @@ class Measurement {
     if (options_.streams) {
       progress.update(kReadShare, "streams of the source");
       DrainageOptions drainage;
-      drainage.cells = build.lines.drainage_cells;
-      drainage.growth = build.lines.drainage_growth;
+      drainage.cells = options_.drainage_cells.value_or(build.lines.drainage_cells);
+      drainage.growth = options_.drainage_growth.value_or(build.lines.drainage_growth);
       drainage.lake_area_m2 = build.lines.lake_area_m2;
       drainage.sea_level_m = build.lines.sea_level_m;
       drainage.bottom_level = file.manifest().bottom_level;
@@ -205,6 +206,14 @@ class Measurement {
     }
     const int pictured =
         std::clamp(options_.picture_level.value_or(levels_.back() - kPictureLevelsUp), levels_.front(), levels_.back());
+    std::optional<NativeCells> native;
+    if (const RasterMosaic* raster = source.source.raster(); raster && raster->warped) {
+      progress.update(kReadShare, "the source's own cells");
+      auto cells = NativeCells::load(*raster, field, scratch_dir_);
+      if (!cells) return tl::unexpected(cells.error());
+      native.emplace(std::move(*cells));
+      report_.n_native_left_out = native->n_left_out;
+    }
     const double n_surfaces = 1.0 + (unconstrained ? 1 : 0) + (options_.bilinear ? 2 : 0);
     double done = 0;
     const auto tick = [&](const std::string& stage) {
@@ -242,6 +251,13 @@ class Measurement {
       if (level == pictured && options_.picture) take_window(source, level, heights_m);
       if (streams) row.tin.streams = streams->match(level);
       warn_of_differences(row);
+      if (native && native->size() > 0) {
+        HeightField at_cells = field;
+        at_cells.points = native->blocks();
+        const auto surface = sample_level(file, level, at_cells, threads_, nullptr);
+        if (!surface) return tl::unexpected(surface.error());
+        row.native = surface->errors;
+      }
 
       if (unconstrained) {
         if (!tick(fmt::format("level {}: unconstrained TIN", level))) return cancelled();

@@ -22,6 +22,8 @@ struct ReportOptions {
   bool bilinear = false;
   bool streams = true;
   std::string unconstrained;  ///< A `.tind` file built without lines; empty: built here when the pyramid has lines.
+  std::optional<std::int64_t> drainage_cells;  ///< For the thresholds of streams; default: what the pyramid was built
+  std::optional<double> drainage_growth;       ///< with, or would be.
   std::optional<int> first_level, last_level;  ///< Default: see PyramidReport::levels.
   double buffer_cells = 2;
   std::optional<int> picture_level;  ///< Whose hill-shade is wanted; default: three above the deepest of the report.
@@ -67,6 +69,7 @@ struct PyramidReport {
   std::vector<std::string> source_names;
   std::uint64_t n_posts = 0;
   std::int64_t n_rows = 0, n_cols = 0;  ///< The grid's rectangle around the data.
+  std::uint64_t n_native_left_out = 0;  ///< Cells of a projected source beside voids or on the rim.
   double area_km2 = 0;
   double bottom_tolerance_m = 0;
   double buffer_cells = 0;

@@ -2,6 +2,7 @@
 #include "storage/report/report_command.hpp"
 
 #include <fmt/format.h>
+#include <unistd.h>
 
 #include <CLI/CLI.hpp>
 #include <atomic>
@@ -13,6 +14,8 @@
 #include <optional>
 #include <string>
 
+#include "storage/builder/output_file.hpp"
+#include "storage/report/picture.hpp"
 #include "storage/report/pyramid_report.hpp"
 #include "storage/report/report_text.hpp"
 
@@ -70,7 +73,7 @@ int report_main(int argc, char** argv) {
       "Exit status: 0 measured, 1 failed, 2 wrong usage. The manual is tind-build-report(1).");
   ReportOptions options;
   SourceHints& source = options.source;
-  std::string compare, levels, classes;
+  std::string compare, levels, classes, picture;
   bool no_streams = false, json = false, quiet = false;
   app.add_option("PYRAMID", options.pyramid, "The pyramid to measure")->required()->type_name("NAME.tind");
   app.add_option("--source", source.inputs, "The files it was built from")->required()->type_name("FILE");
@@ -88,6 +91,13 @@ int report_main(int argc, char** argv) {
       ->check(CLI::Range(0.0, 100.0))
       ->type_name("CELLS")
       ->capture_default_str();
+  app.add_option("--drainage-cells", options.drainage_cells,
+                 "Threshold of streams at the bottom level; default: what the pyramid was built with")
+      ->check(CLI::Range(std::int64_t{1}, std::int64_t{1} << 40))
+      ->type_name("N");
+  app.add_option("--drainage-growth", options.drainage_growth, "That threshold grows so many times per coarser level")
+      ->check(CLI::Range(1.0, 1000.0))
+      ->type_name("F");
   app.add_option("--nodata", source.nodata, "As tind-build was told; default: what the pyramid says it was told")
       ->type_name("V");
   app.add_option("--metres-per-unit", source.metres_per_unit, "The same")->check(CLI::PositiveNumber)->type_name("M");
@@ -100,6 +110,10 @@ int report_main(int argc, char** argv) {
       ->check(CLI::Range(0, 1024))
       ->type_name("N")
       ->capture_default_str();
+  app.add_option("--picture", picture, "Draw the report, with hill-shades of the source and of the TIN")
+      ->type_name("FILE.svg");
+  app.add_option("--picture-level", options.picture_level, "Level of that hill-shade; default: three above the deepest")
+      ->type_name("N");
   app.add_flag("--json", json, "Print the report as JSON");
   app.add_flag("-q,--quiet", quiet, "No progress");
   try {
@@ -119,6 +133,16 @@ int report_main(int argc, char** argv) {
     }
     source.classes = *filter;
   }
+  if (!picture.empty()) {
+    if (picture.size() < 5 || picture.substr(picture.size() - 4) != ".svg") {
+      complain(
+          fmt::format("--picture {}: pictures are drawn as SVG; name it FILE.svg (a browser or rsvg-convert turns "
+                      "that into PNG)",
+                      picture));
+      return kUsage;
+    }
+  }
+  options.picture = !picture.empty();
   options.bilinear = !compare.empty();
   options.streams = !no_streams;
   options.cancel = &g_cancel;
@@ -127,8 +151,24 @@ int report_main(int argc, char** argv) {
   std::signal(SIGXFSZ, SIG_IGN);  // a file size limit is then an error of the write
 
   try {
+    // A picture that cannot be written is known before the long work starts.
+    TemporaryFile drawn(fmt::format("{}-{}.tmp", picture, ::getpid()));
+    std::ofstream drawing_file;
+    if (!picture.empty()) {
+      if (const auto checked = check_output(picture, true); !checked) return complain(checked.error().message);
+      drawing_file.open(drawn.path(), std::ios::trunc);
+      if (!drawing_file) return complain(picture + ": cannot be written there");
+    }
     const auto report = measure_pyramid(options, quiet ? nullptr : stderr);
     if (!report) return complain(report.error().message);
+    if (!picture.empty()) {
+      const auto drawing = draw_report(*report);
+      if (!drawing) return complain(fmt::format("{}: {}", picture, drawing.error().message));
+      drawing_file << *drawing;
+      drawing_file.close();
+      if (!drawing_file) return complain(picture + ": could not be written; is the disk full?");
+      if (const auto named = drawn.rename_to(picture); !named) return complain(named.error().message);
+    }
     fmt::print("{}", json ? pyramid_report_json(*report) : pyramid_report_text(*report));
     return 0;
   } catch (const std::exception& e) {

@@ -82,7 +82,13 @@ std::string extra_table(const PyramidReport& report) {
       "in voids, beyond: further vertices (10^3) in interior voids and beyond the data; RMSE mf, E_max mf: by the "
       "manifest.\n";
   if (plain) out += "Second part: the TIN without lines (unconstrained), and the points that the lines add to it.\n";
-  if (native) out += "Last part: the TIN at the cells of the source's own grid, before it was warped to posts.\n";
+  if (native) {
+    out += fmt::format(
+        "Last part: the TIN at the source's own cells, before they were warped to posts ({} cells beside voids or on "
+        "the "
+        "rim left out).\n",
+        report.n_native_left_out);
+  }
   return out;
 }
 
@@ -190,9 +196,10 @@ std::string pyramid_report_json(const PyramidReport& report) {
                {"posts", report.n_posts},
                {"area_km2", report.area_km2},
                {"buffer_cells", report.buffer_cells},
+               {"native_cells_left_out", report.n_native_left_out},
                {"levels", std::move(levels)},
                {"notes", report.notes}})
-             .dump(2) +
+             .dump(2, ' ', false, json::error_handler_t::replace) +
          "\n";
 }
 

@@ -164,9 +164,9 @@ SampledTile sample_tile(const HeightField& field, const TileKey& key, const Tile
     return result;
   }
   const double unit = field.lattice.height_unit_m();
-  const TilePosts posts = posts_in(field, key);
-  const std::vector<double> surface = sample_mesh(*tile, unit, posts.xs, posts.ys);
   const bool on_grid = field.points.empty();
+  const TilePosts posts = on_grid || heights_m ? posts_in(field, key) : TilePosts();
+  const std::vector<double> surface = sample_mesh(*tile, unit, posts.xs, posts.ys);
   for (std::size_t j = 0; j < posts.rows.size(); ++j) {
     for (std::size_t i = 0; i < posts.cols.size(); ++i) {
       const double z = surface[j * posts.cols.size() + i];
