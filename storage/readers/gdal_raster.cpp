@@ -32,12 +32,14 @@ struct RasterMosaic::Impl {
   struct Reader {
     std::optional<RasterWarper> warper;
     std::optional<PixelTransform> native;
+    std::uint64_t used = 0;  ///< Clock of the last reading by `warper`.
   };
   std::vector<RasterFile> files;  ///< Same order as RasterMosaic::sources.
   std::vector<Reader> readers;
   std::optional<VerticalShift> shift;
   Resampling resampling = Resampling::kBilinear;
   WarpGrid grid;
+  std::uint64_t clock = 0;
 
   Result<void> plan_warped(RasterMosaic& m);
   Result<void> settle_heights(RasterMosaic& m, const RasterOptions& options);
@@ -45,6 +47,9 @@ struct RasterMosaic::Impl {
   Place post(const RasterMosaic& m, std::int64_t row, std::int64_t col) const;
   Result<void> read_own(std::size_t s, std::int64_t first_row, std::int64_t n, std::vector<float>& heights_m,
                         std::uint64_t& n_implausible);
+  /// Makes the sources that are not being read forget their cells, least recently read first, until what they keep is
+  /// bounded, however many sources there are.
+  void trim(std::size_t reading);
   Result<void> read_warped(const RasterMosaic& m, std::size_t s, std::int64_t first_row, std::int64_t n,
                            std::vector<float>& heights_m, std::uint64_t& n_implausible);
 };
@@ -186,6 +191,19 @@ Result<void> RasterMosaic::Impl::read_own(std::size_t index, std::int64_t first_
   return {};
 }
 
+void RasterMosaic::Impl::trim(std::size_t reading) {
+  for (;;) {
+    std::size_t n_blocks = 0, oldest = reading;
+    for (std::size_t i = 0; i < readers.size(); ++i) {
+      if (i == reading || !readers[i].warper || readers[i].warper->n_blocks() == 0) continue;
+      n_blocks += readers[i].warper->n_blocks();
+      if (oldest == reading || readers[i].used < readers[oldest].used) oldest = i;
+    }
+    if (n_blocks <= RasterWarper::kMostBlocks) return;
+    readers[oldest].warper->clear();
+  }
+}
+
 Result<void> RasterMosaic::Impl::read_warped(const RasterMosaic& m, std::size_t index, std::int64_t first_row,
                                              std::int64_t n, std::vector<float>& heights_m,
                                              std::uint64_t& n_implausible) {
@@ -196,6 +214,8 @@ Result<void> RasterMosaic::Impl::read_warped(const RasterMosaic& m, std::size_t 
     if (!transform) return tl::unexpected(transform.error());
     warper.emplace(s, std::move(*transform), resampling);
   }
+  trim(index);
+  readers[index].used = ++clock;
   const std::int64_t n_cols = s.info.n_used_cols;
   heights_m.resize(static_cast<std::size_t>(n * n_cols));
   std::vector<Place> places;

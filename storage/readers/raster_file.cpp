@@ -207,13 +207,15 @@ Result<void> read_own_grid(RasterFile& s) {
   s.south = snap_origin(gt[3] + south_row * gt[5], s.dy);
 
   // Rows beyond a pole are no place on the globe.
-  if (!looks_like_degrees(s)) return bad_raster(s, "lies outside the globe's degrees");
+  if (!looks_like_degrees(s))
+    return bad_raster(s, "lies outside the globe's degrees; check its CRS and geotransform with gdalinfo");
   const auto rows_to = [&](double latitude) { return (latitude - s.south) / s.dy; };
   s.skip_south = std::max<std::int64_t>(0, std::llround(std::ceil(rows_to(-90.0) - kAlignPosts)));
   const auto last = std::min(s.info.n_rows - 1, std::int64_t{std::llround(std::floor(rows_to(90.0) + kAlignPosts))});
   s.info.n_used_rows = last - s.skip_south + 1;
   s.info.n_used_cols = s.info.n_cols;
-  if (s.info.n_used_rows < 2) return bad_raster(s, "lies outside the globe's degrees");
+  if (s.info.n_used_rows < 2)
+    return bad_raster(s, "lies outside the globe's degrees; check its CRS and geotransform with gdalinfo");
   if (s.info.n_used_rows < s.info.n_rows) {
     s.own_grid_notes.push_back(
         fmt::format("{}: {} rows beyond a pole are left out", s.info.name, s.info.n_rows - s.info.n_used_rows));

@@ -137,6 +137,8 @@ Result<void> RasterWarper::sample(std::span<Place> places, float* heights_m, std
   return impl_->status;
 }
 
+std::size_t RasterWarper::n_blocks() const { return impl_->slots.size(); }
+
 void RasterWarper::clear() {
   std::fill(impl_->slot_of.begin(), impl_->slot_of.end(), -1);
   impl_->slots.clear();

@@ -23,6 +23,8 @@ class RasterWarper {
   /// Heights in metres at `places` (longitude, latitude in degrees; replaced by columns and rows), NaN for voids;
   /// out: places.size() values. `n_implausible` counts each cell once. kIo: the file cannot be read.
   Result<void> sample(std::span<Place> places, float* heights_m, std::uint64_t& n_implausible);
+  /// Blocks kept, each up to kBlockSide^2 heights.
+  std::size_t n_blocks() const;
   /// Forgets the blocks.
   void clear();
 

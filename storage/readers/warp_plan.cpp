@@ -23,6 +23,8 @@ constexpr std::int64_t kMostRimSteps = 1 << 16, kInsideSteps = 512;
 constexpr double kRimCells = 1e-6, kPoleDeg = 90 - 1e-9;
 /// 10^11 posts take 0.5 TB of scratch file; a real survey of that size is built in parts.
 constexpr double kMostPosts = 1e11;
+/// Cells of one raster; most of them must be off the globe if there are more than posts.
+constexpr double kMostCells = 1e12;
 
 bool is_finite(const Place& p) { return std::isfinite(p.x) && std::isfinite(p.y); }
 
@@ -190,6 +192,9 @@ Result<WarpGrid> plan_warp(const std::vector<WarpExtent>& extents, const std::ve
     north = std::max(north, extents[i].cells_per_degree_north);
     const double columns = std::ceil(extents[i].width_deg * east),
                  rows = std::ceil((extents[i].north_deg - extents[i].south_deg) * north);
+    const double cells = static_cast<double>(files[i].info.n_cols) * static_cast<double>(files[i].info.n_rows);
+    if (cells > kMostCells)
+      return bad_raster(files[i], fmt::format("{:.3g} cells are more than 1e12; cut it into parts", cells));
     if (!(columns * rows <= kMostPosts) || !(east * 360 < 1e15) || !(north * 180 < 1e15)) {
       return bad_raster(files[i],
                         fmt::format("warped to posts no coarser than the finest source it takes {:.3g} x {:.3g} posts, "

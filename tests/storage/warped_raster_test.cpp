@@ -15,6 +15,7 @@
 #include <gtest/gtest.h>
 
 #include "storage/readers/height_grid.hpp"
+#include "storage/readers/raster_warper.hpp"
 #include "tests/storage/test_raster.hpp"
 
 namespace tind {
@@ -457,6 +458,65 @@ TEST_F(WarpedRasterTest, ZonesOverlapInTheirMeanInAnyOrder) {
   EXPECT_EQ(std::memcmp(grid->field().heights_m, other->field().heights_m, n * sizeof(float)), 0);
 }
 
+TEST_F(WarpedRasterTest, ManySourcesReadInTurnKeepTheirHeights) {
+  // More cells than all sources together may keep: what was read first is forgotten and read again.
+  std::vector<std::string> files;
+  RasterPlan plan = utm_plan({});
+  plan.n_cols = 16000;
+  plan.n_rows = 40;
+  plan.height = [](double x, double y) { return static_cast<float>((x - 400000) / 100 + (y - 3700000) / 200); };
+  for (int k = 0; k < 10; ++k) {
+    plan.geotransform = {400000, 10, 0, 3800000.0 + 400 * k, 0, -10};
+    files.push_back(write(fmt::format("{}.tif", k), plan));
+  }
+  const auto mosaic = RasterMosaic::open(files, {});
+  ASSERT_TRUE(mosaic) << mosaic.error().message;
+  const CrsProbe probe("EPSG:32611");
+  std::vector<float> heights;
+  std::uint64_t n_implausible = 0;
+  std::int64_t n = 0;
+  for (const double share : {0.1, 0.5, 0.9}) {
+    for (std::size_t s = 0; s < files.size(); ++s) {
+      const RasterSource& source = mosaic->sources[s];
+      const auto row = static_cast<std::int64_t>(share * static_cast<double>(source.n_used_rows));
+      ASSERT_TRUE(mosaic->read_rows(s, row, 1, heights, n_implausible));
+      for (std::int64_t c = 0; c < source.n_used_cols; c += 97) {
+        if (std::isnan(heights[static_cast<std::size_t>(c)])) continue;
+        const double lon = mosaic->west_deg + static_cast<double>(source.grid_col + c) * mosaic->lon_spacing_deg;
+        const double lat = mosaic->south_deg + static_cast<double>(source.grid_row + row) * mosaic->lat_spacing_deg;
+        const auto at = probe.to_crs(lon, lat);
+        ASSERT_NEAR(heights[static_cast<std::size_t>(c)], ((*at)[0] - 400000) / 100 + ((*at)[1] - 3700000) / 200, 0.06);
+        ++n;
+      }
+    }
+  }
+  EXPECT_GT(n, 1000);
+}
+
+TEST_F(WarpedRasterTest, KeptBlocksAreBoundedAndForgottenOnesAreReadAgain) {
+  RasterPlan plan = utm_plan([](double x, double) { return static_cast<float>((x - 400000) / 100); });
+  plan.n_cols = 200000;  // 782 blocks across
+  plan.n_rows = 2;
+  plan.geotransform = {400000, 1, 0, 3800000, 0, -1};
+  auto file = inspect_raster(write("a.tif", plan), {}, 1);
+  ASSERT_TRUE(file) << file.error().message;
+  auto transform = PixelTransform::create(*file);
+  ASSERT_TRUE(transform) << transform.error().message;
+  RasterWarper warper(*file, std::move(*transform), Resampling::kBilinear);
+  std::uint64_t n_implausible = 0;
+  for (const int from : {0, 199999, 0}) {
+    for (int k = 0; k < 200000; k += 125) {
+      const double col = std::abs(from - k) + 0.75;
+      std::array<Place, 1> place{Place{col, 1}};
+      warper.transform().to_globe(place);
+      float height = 0;
+      ASSERT_TRUE(warper.sample(place, &height, n_implausible));
+      ASSERT_NEAR(height, std::min(col, 199999.5) / 100, 1e-3);
+    }
+    EXPECT_EQ(warper.n_blocks(), RasterWarper::kMostBlocks);
+  }
+}
+
 TEST_F(WarpedRasterTest, DegreesThatShareNoGridAreWarpedAndFineArcSecondPostsKeepTheirHeights) {
   RasterPlan fine, coarse;
   fine.geotransform = {10 - 0.5 / 1200, 1.0 / 1200, 0, 46 + 0.5 / 1200, 0, -1.0 / 1200};
@@ -631,6 +691,9 @@ TEST_F(WarpedRasterTest, WhatCannotBeWarpedIsNamed) {
   plan.geotransform = {1.9e7, 1000, 0, 8e6, 0, -1000};  // beyond the outline of the projection
   plan.crs = "+proj=sinu +R=6371007.181";
   EXPECT_THAT(message(plan), HasSubstr("nothing of it lies on the globe"));
+  plan = utm_plan(flat);
+  plan.crs = "EPSG:4326";
+  EXPECT_THAT(message(plan), HasSubstr("lies outside the globe's degrees; check"));
   plan = utm_plan(flat);
   plan.crs = "LOCAL_CS[\"a building site\",UNIT[\"metre\",1]]";
   EXPECT_THAT(message(plan), HasSubstr("does not say where on the globe it lies"));
