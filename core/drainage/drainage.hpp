@@ -16,8 +16,8 @@ namespace tind {
 
 struct DrainageOptions {
   /// Area from which on a stream is drawn at the bottom level, in cells (posts at the middle latitude of the data);
-  /// >= 1.
-  std::int64_t cells = 800;
+  /// >= 1. The default keeps the cost below 10 % more vertices on 30 m mountains (docs/decisions/0007-drainage.md).
+  std::int64_t cells = 3200;
   double growth = 4;             ///< That area grows by this factor per coarser level; >= 1.
   double lake_area_m2 = 250000;  ///< Core area of the smallest lake drawn at the bottom level; >= 0.
   /// Everything at or below is the sea. Without it bodies of posts at or below 0 m with kSeaAreaM2 or more are.

@@ -112,7 +112,7 @@ TEST(DrainageLakes, AreDrawnFromTheLevelThatTheirAreaFits) {
   const TestField f = equator_field(60, 41, lake_world);
   DrainageOptions o = options(60, 6);
   const double core_m2 = 19 * 19 * 0.3057e3 * 0.3037e3;
-  for (const auto& [part, level] : {std::pair{0.9, 6}, {0.24, 5}, {0.2 / 4, 5}}) {
+  for (const auto& [part, level] : {std::pair{0.9, 6}, {0.3, 6}, {0.24, 5}, {0.2 / 4, 5}}) {
     o.lake_area_m2 = core_m2 * part;
     const auto d = drain(f.field, o);
     ASSERT_TRUE(d);

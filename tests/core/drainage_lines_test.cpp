@@ -213,7 +213,7 @@ TEST(DrainageStreams, FalloffIsOutside) {
 }
 
 TEST(DrainageGlobe, StreamsAcrossTheSeamGoOnPastTheWidth) {
-  // A whole belt of the globe whose water runs east along row 10, from column 30 over the seam to column 8.
+  // A whole belt of the globe whose water runs along row 10 over the seam to column 8, eastward and westward.
   test::GridPlace place;
   place.lattice_level = 0;
   place.n_rows = 21;
@@ -222,31 +222,34 @@ TEST(DrainageGlobe, StreamsAcrossTheSeamGoOnPastTheWidth) {
   place.x0 = 700;
   place.y0 = 20000;
   place.dy = 1500;
-  TestField f(place, [](std::int64_t r, std::int64_t c) {
-    const std::int64_t along = (c - 9 + 64) % 64;  // falls to column 8
-    return 100 + 1000.0 * static_cast<double>(std::abs(r - 10)) + 10 * static_cast<double>(63 - along) +
-           (along == 0 ? 50000 : 0);
-  });
-  f.field.wraps = true;
-  DrainageOptions o = options(20);
-  o.max_change_m = 1e6;
-  const auto d = drain(f.field, o);
-  ASSERT_TRUE(d);
-  bool crossed = false;
-  for (const BreakChain& chain : d->streams) {
-    std::int64_t least = std::numeric_limits<std::int64_t>::max();
-    for (std::size_t k = 0; k < chain.vertices.size(); ++k) {
-      const BreakVertex& v = chain.vertices[k];
-      least = std::min(least, v.x);
-      crossed = crossed || v.x >= f.field.lattice.width();
-      if (k > 0) {
-        EXPECT_LE(std::abs(v.x - chain.vertices[k - 1].x), 2049);
+  for (const bool east : {true, false}) {
+    TestField f(place, [&](std::int64_t r, std::int64_t c) {
+      const std::int64_t along = east ? (c - 9 + 64) % 64 : (55 - c + 64) % 64;
+      return 100 + 1000.0 * static_cast<double>(std::abs(r - 10)) + 10 * static_cast<double>(63 - along) +
+             (along == 0 ? 50000 : 0);
+    });
+    f.field.wraps = true;
+    DrainageOptions o = options(20);
+    o.growth = 1;  // one long chain
+    o.max_change_m = 1e6;
+    const auto d = drain(f.field, o);
+    ASSERT_TRUE(d);
+    bool crossed = false;
+    for (const BreakChain& chain : d->streams) {
+      std::int64_t least = std::numeric_limits<std::int64_t>::max();
+      for (std::size_t k = 0; k < chain.vertices.size(); ++k) {
+        const BreakVertex& v = chain.vertices[k];
+        least = std::min(least, v.x);
+        crossed = crossed || v.x >= f.field.lattice.width();
+        if (k > 0) {
+          EXPECT_LE(std::abs(v.x - chain.vertices[k - 1].x), 2049);
+        }
       }
+      EXPECT_GE(least, 0);
+      EXPECT_LT(least, f.field.lattice.width());
     }
-    EXPECT_GE(least, 0);
-    EXPECT_LT(least, f.field.lattice.width());
+    EXPECT_TRUE(crossed) << east;
   }
-  EXPECT_TRUE(crossed);
 }
 
 TEST(DrainageOfRoughTerrain, KeepsItsPromises) {
