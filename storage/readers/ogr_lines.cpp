@@ -259,17 +259,19 @@ void BreakLineReader::level_shores(std::size_t first_line, const std::vector<std
 
 void BreakLineReader::note_meetings(const std::vector<LineMeeting>& meetings) {
   FindingList findings;
+  // Neighbouring parcels meet all along their border: the first place of each pair is enough.
+  std::map<std::tuple<FeatureId, FeatureId, bool>, std::string> first_place;
   for (const LineMeeting& m : meetings) {
-    const std::string a = label(origins_[m.a].feature), b = label(origins_[m.b].feature), at = place(m.x, m.y);
-    if (m.shared_piece) {
-      ++out_.counts.shared;
-      findings.add("stretches run on top of each other: kept once",
-                   a == b ? fmt::format("{} with itself from {}", a, at) : fmt::format("{} and {} from {}", a, b, at));
-    } else {
-      ++out_.counts.meetings;
-      findings.add("places where lines cross, or touch elsewhere than in their ends: cut there",
-                   a == b ? fmt::format("{} itself at {}", a, at) : fmt::format("{} and {} at {}", a, b, at));
+    const auto [a, b] = std::minmax({origins_[m.a].feature, origins_[m.b].feature});
+    std::string& example = first_place[{a, b, m.shared_piece}];
+    if (example.empty()) {
+      example = fmt::format("{} {} {} {}", label(a), a == b ? "with itself" : "and " + label(b),
+                            m.shared_piece ? "from" : "at", place(m.x, m.y));
     }
+    ++(m.shared_piece ? out_.counts.shared : out_.counts.meetings);
+    findings.add(m.shared_piece ? "stretches run on top of each other: kept once"
+                                : "places where lines cross, or touch elsewhere than in their ends: cut there",
+                 example);
   }
   for (const std::string& line : findings.lines()) out_.notes.push_back("break lines: " + line);
 }
