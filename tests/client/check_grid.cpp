@@ -109,7 +109,7 @@ void check_warped_spacing(Run& run) {
     }
     if (native.cells_per_degree > (1 + kSampling) / spacing) {
       check.fail(fmt::format(
-          "{} posts in a degree of {}, but at longitude {:.5f}, latitude {:.5f} the source has {:.2f} cells "
+          "{:.6g} posts in a degree of {}, but at longitude {:.5f}, latitude {:.5f} the source has {:.2f} cells "
           "in one: posts are coarser than the source",
           1 / spacing, kAxes[a], native.lon_deg, native.lat_deg, native.cells_per_degree));
     }

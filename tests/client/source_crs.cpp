@@ -85,6 +85,11 @@ OGRCoordinateTransformationH exact_transform(const Crs& from, const Crs& to) {
   return transform;
 }
 
+std::shared_ptr<void> owned(OGRCoordinateTransformationH transform) {
+  if (transform == nullptr) return nullptr;
+  return {transform, [](void* t) { OCTDestroyCoordinateTransformation(t); }};
+}
+
 }  // namespace
 
 Outcome<Crs> Crs::from_text(const std::string& text) {
@@ -139,7 +144,7 @@ double Crs::linear_unit_m() const {
 }
 
 std::optional<double> Crs::vertical_unit_m() const {
-  if (empty() || OSRIsCompound(get()) == 0) return std::nullopt;
+  if (empty() || (OSRIsCompound(get()) == 0 && OSRIsVertical(get()) == 0)) return std::nullopt;
   return OSRGetTargetLinearUnits(get(), "VERT_CS", nullptr);
 }
 
@@ -176,45 +181,47 @@ Outcome<GeoidShift> GeoidShift::from_datum(const std::string& vertical_datum) {
   auto given = Crs::from_text(vertical_datum);
   if (!given) return refuse(given.error());
   const QuietErrors quiet;
-  Crs from = *given;
-  if (OSRIsVertical(from.get()) != 0 && OSRIsCompound(from.get()) == 0) {
-    const auto flat = Crs::from_text("EPSG:4326");
-    const auto compound = Crs::from_text("EPSG:4326");
-    if (!flat || !compound) return refuse("PROJ's database is missing");
-    if (OSRSetCompoundCS(compound->get(), "WGS 84 with these heights", flat->get(), given->get()) != OGRERR_NONE) {
-      return refuse("'" + vertical_datum + "' cannot be used with WGS 84");
-    }
-    OSRSetAxisMappingStrategy(compound->get(), OAMS_TRADITIONAL_GIS_ORDER);
-    from = *compound;
-  } else if (OSRIsCompound(from.get()) == 0 || !from.horizontal().is_plain_geographic()) {
-    return refuse("'" + vertical_datum + "' is no vertical system: give one such as EPSG:5773 (EGM96)");
-  }
-  const auto to = Crs::from_text("EPSG:4979");
   GeoidShift shift;
   shift.what_ = vertical_datum;
-  if (to)
-    shift.handle_ =
-        std::shared_ptr<void>(exact_transform(from, *to), [](void* t) { OCTDestroyCoordinateTransformation(t); });
-  if (shift.handle_ == nullptr) {
+  const bool is_compound = OSRIsCompound(given->get()) != 0;
+  if (!is_compound && given->is_geographic() && OSRGetAxesCount(given->get()) == 3) return shift;
+  const auto globe = Crs::from_text("EPSG:4326"), globe_up = Crs::from_text("EPSG:4979");
+  auto from = is_compound ? given : Crs::from_text("EPSG:4326");
+  if (!globe || !globe_up || !from) return refuse("PROJ's database is missing");
+  if (!is_compound && OSRIsVertical(given->get()) != 0) {
+    if (OSRSetCompoundCS(from->get(), "WGS 84 with these heights", globe->get(), given->get()) != OGRERR_NONE) {
+      return refuse("'" + vertical_datum + "' cannot be used with WGS 84");
+    }
+    OSRSetAxisMappingStrategy(from->get(), OAMS_TRADITIONAL_GIS_ORDER);
+  } else if (!is_compound || !given->horizontal().is_plain_geographic()) {
+    return refuse("'" + vertical_datum + "' is no vertical system: give one such as EPSG:5773 (EGM96)");
+  }
+  auto transform = exact_transform(*from, *globe_up);
+  if (transform == nullptr && is_compound) {
+    const Crs own = Crs::copy_of(given->horizontal().get());
+    OSRPromoteTo3D(own.get(), nullptr);
+    OSRSetAxisMappingStrategy(own.get(), OAMS_TRADITIONAL_GIS_ORDER);
+    transform = exact_transform(*from, own);
+  }
+  if (transform == nullptr) {
     return refuse("PROJ has no grid for '" + vertical_datum + "': install it (projsync, or Debian's proj-data)");
   }
+  shift.handle_ = owned(transform);
   return shift;
 }
 
 Outcome<GeoidShift> GeoidShift::from_grid(const std::string& path) {
   std::error_code error;
-  const auto absolute = std::filesystem::absolute(path, error);
-  if (error || !std::filesystem::is_regular_file(absolute, error))
-    return refuse(path + ": there is no such geoid grid");
-  const auto from =
-      Crs::from_text("+proj=longlat +datum=WGS84 +geoidgrids=" + absolute.string() + " +vunits=m +no_defs +type=crs");
+  const bool there = std::filesystem::is_regular_file(path, error);
+  const bool bare = path.find('/') == path.npos;
+  if (!there && !bare) return refuse(path + ": there is no such geoid grid");
+  const std::string name = there ? std::filesystem::absolute(path, error).string() : path;
+  const auto from = Crs::from_text("+proj=longlat +datum=WGS84 +geoidgrids=" + name + " +vunits=m +no_defs +type=crs");
   const auto to = Crs::from_text("EPSG:4979");
   GeoidShift shift;
   shift.what_ = path;
   const QuietErrors quiet;
-  if (from && to)
-    shift.handle_ =
-        std::shared_ptr<void>(exact_transform(*from, *to), [](void* t) { OCTDestroyCoordinateTransformation(t); });
+  if (from && to) shift.handle_ = owned(exact_transform(*from, *to));
   if (shift.handle_ == nullptr) return refuse(path + ": is no geoid grid that PROJ reads (.gtx, .tif)");
   return shift;
 }
@@ -223,6 +230,7 @@ Outcome<std::vector<double>> GeoidShift::undulation_m(const std::vector<double>&
                                                       const std::vector<double>& lat_deg) const {
   const QuietErrors quiet;
   std::vector<double> x = lon_deg, y = lat_deg, z(lon_deg.size(), 0.0);
+  if (handle_ == nullptr) return z;
   for (double& lon : x) lon -= 360 * std::floor((lon + 180) / 360);
   std::vector<int> good(x.size(), 0);
   OCTTransformEx(handle_.get(), static_cast<int>(x.size()), x.data(), y.data(), z.data(), good.data());

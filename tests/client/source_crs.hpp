@@ -34,7 +34,7 @@ class Crs {
   bool is_geographic() const;
   /// Metres in one unit of a projected system's axes; 1 for a geographic one.
   double linear_unit_m() const;
-  /// Metres in one unit of the vertical part of a compound system.
+  /// Metres in one unit of the vertical part of a compound system, or of a vertical system.
   std::optional<double> vertical_unit_m() const;
   /// Without its vertical part.
   Crs horizontal() const;
@@ -64,16 +64,18 @@ class Transform {
 /// Turns orthometric heights into ellipsoidal ones: h = H + N.
 class GeoidShift {
  public:
-  /// `vertical_datum`: the heights' own system, "EPSG:5773" or a compound one. Needs PROJ's grid of it.
+  /// `vertical_datum`: the heights' own system, "EPSG:5773" or a compound one, for which PROJ needs its grid; a
+  /// geographic one of three dimensions says that the heights are ellipsoidal already. Where PROJ has no way from a
+  /// compound system's datum to WGS 84, heights become those above the datum's own ellipsoid.
   static Outcome<GeoidShift> from_datum(const std::string& vertical_datum);
-  /// `path`: a grid of N in metres that PROJ reads (.gtx, .tif).
+  /// `path`: a grid of N in metres that PROJ reads (.gtx, .tif); a bare name is looked for in PROJ's folders, too.
   static Outcome<GeoidShift> from_grid(const std::string& path);
   /// N in metres at each position; refuses, naming the position, where the grid has none.
   Outcome<std::vector<double>> undulation_m(const std::vector<double>& lon_deg,
                                             const std::vector<double>& lat_deg) const;
 
  private:
-  std::shared_ptr<void> handle_;
+  std::shared_ptr<void> handle_;  ///< Null: nothing to add.
   std::string what_;
 };
 

@@ -12,6 +12,7 @@
 #include <tuple>
 
 #include "tests/client/source_crs.hpp"
+#include "tests/client/source_raster.hpp"
 #include "tests/client/xyz_points.hpp"
 
 namespace tind::client {
@@ -75,6 +76,15 @@ std::optional<double> vertical_key_unit_m(const GeoKeys& keys) {
   return std::nullopt;
 }
 
+/// Metres in a unit of height: what the file states for heights, else the projection's unit (ASPRS), else what the
+/// named datum counts in, else metres.
+double height_unit_m(const Crs& crs, std::optional<double> stated, const SourceOptions& options) {
+  if (const auto unit = crs.vertical_unit_m()) return *unit;
+  if (stated) return *stated;
+  if (!crs.empty() && !crs.is_geographic()) return crs.linear_unit_m();
+  return datum_unit_m(options).value_or(1.0);
+}
+
 Outcome<Crs> crs_of(const LasPoints& las) {
   if (!las.wkt.empty()) return Crs::from_text(las.wkt);
   if (!las.keys.directory.empty()) return Crs::from_geo_keys(las.keys);
@@ -109,9 +119,7 @@ Outcome<FilePoints> read_las_file(const std::string& path, const SourceOptions& 
   auto crs = options.source_crs.empty() ? crs_of(*las) : Crs::from_text(options.source_crs);
   if (!crs) return refuse(crs.error());
   points.crs = std::move(*crs);
-  // ASPRS: heights have the unit that the file states for them, else that of the projection.
-  const auto key_unit = vertical_key_unit_m(las->keys), crs_unit = points.crs.vertical_unit_m();
-  points.unit_m = crs_unit ? *crs_unit : key_unit ? *key_unit : points.crs.linear_unit_m();
+  points.unit_m = height_unit_m(points.crs, vertical_key_unit_m(las->keys), options);
   points.x = std::move(las->x);
   points.y = std::move(las->y);
   points.z = std::move(las->z);
@@ -132,7 +140,6 @@ Outcome<FilePoints> read_text_file(const std::string& path, const SourceOptions&
     auto crs = Crs::from_text(options.source_crs);
     if (!crs) return refuse(crs.error());
     points.crs = std::move(*crs);
-    points.unit_m = points.crs.vertical_unit_m().value_or(points.crs.linear_unit_m());
   } else {
     const auto beyond = [](const std::vector<double>& values, double limit) {
       return std::any_of(values.begin(), values.end(), [=](double v) { return std::abs(v) > limit; });
@@ -140,6 +147,7 @@ Outcome<FilePoints> read_text_file(const std::string& path, const SourceOptions&
     if (beyond(xyz->x, 360) || beyond(xyz->y, 90))
       return refuse("its coordinates are no degrees: say what they are with --source-crs");
   }
+  points.unit_m = height_unit_m(points.crs, std::nullopt, options);
   points.x = std::move(xyz->x);
   points.y = std::move(xyz->y);
   points.z = std::move(xyz->z);
@@ -167,7 +175,7 @@ Outcome<void> place(FilePoints& from, double unit_m, const LatticeFrame& frame, 
     for (std::size_t k = 0; k < lon.size(); ++k) {
       const double z = from.z[first + k] * unit_m;
       if (!std::isfinite(lon[k]) || !std::isfinite(lat[k]) || !std::isfinite(z)) continue;
-      if (std::abs(lat[k]) > 90) continue;
+      if (std::abs(lat[k]) > 90 || std::abs(z) > kHighest) continue;
       Place p;
       p.lon_deg = lon[k] - 360 * std::floor((lon[k] + 180) / 360);
       p.lat_deg = lat[k];

@@ -35,6 +35,9 @@ struct GridClaim {
   bool cubic = false;                    ///< Warped values are cubic, not bilinear.
 };
 
+/// Beyond it lies no height of any known body, but undeclared markers of voids do (docs/decisions/0002). Metres.
+inline constexpr double kHighest = 30'000;
+
 enum class SourceKind { kRaster, kWarped, kPoints };
 /// "raster", "warped", "points": as the manifest's source_kind.
 const char* name_of(SourceKind kind);

@@ -16,8 +16,6 @@ namespace {
 
 constexpr double kFeetInMetres = 0.3048;
 constexpr double kSurveyFeetInMetres = 1200.0 / 3937.0;
-/// Beyond it lies no height of any known body, but undeclared markers do (docs/decisions/0002).
-constexpr double kHighest = 30'000;
 
 bool ends_with(const std::string& text, const std::string& end) {
   return text.size() >= end.size() &&
@@ -61,6 +59,12 @@ std::optional<double> band_unit_m(GDALRasterBandH band) {
 }
 
 }  // namespace
+
+std::optional<double> datum_unit_m(const SourceOptions& options) {
+  if (options.vertical_datum.empty()) return std::nullopt;
+  const auto datum = Crs::from_text(options.vertical_datum);
+  return datum ? datum->vertical_unit_m() : std::nullopt;
+}
 
 void SourceRaster::Close::operator()(void* dataset) const { GDALClose(dataset); }
 
@@ -107,8 +111,8 @@ Outcome<SourceRaster> SourceRaster::open(const std::string& path, const SourceOp
   r.is_float_ = GDALGetRasterDataType(r.band_) == GDT_Float32;
   r.scale_ = GDALGetRasterScale(r.band_, nullptr);
   r.offset_ = GDALGetRasterOffset(r.band_, nullptr);
-  r.unit_m_ = options.metres_per_unit ? *options.metres_per_unit
-                                      : band_unit_m(r.band_).value_or(r.crs_.vertical_unit_m().value_or(1.0));
+  r.unit_m_ = options.metres_per_unit.value_or(
+      band_unit_m(r.band_).value_or(r.crs_.vertical_unit_m().value_or(datum_unit_m(options).value_or(1.0))));
   return r;
 }
 

@@ -25,6 +25,9 @@ struct CellWindow {
   static constexpr double kVoid = std::numeric_limits<double>::quiet_NaN();
 };
 
+/// Metres in one unit of the vertical datum that the user names, if any.
+std::optional<double> datum_unit_m(const SourceOptions& options);
+
 /// An open raster: band 1, its grid, its coordinate system, and how its values become metres.
 class SourceRaster {
  public:

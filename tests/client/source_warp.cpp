@@ -30,7 +30,8 @@ class CellMap {
     if (!there) return refuse(raster.name() + ": " + there.error());
     if (!back) return refuse(raster.name() + ": " + back.error());
     CellMap map(raster, std::move(*there), std::move(*back));
-    if (own.is_geographic()) map.full_turn_ = 2 * std::acos(-1.0) / OSRGetAngularUnits(own.get(), nullptr);
+    map.full_turn_ =
+        own.is_geographic() ? 2 * std::acos(-1.0) / OSRGetAngularUnits(own.get(), nullptr) : map.cylinder_turn();
     return map;
   }
 
@@ -43,7 +44,7 @@ class CellMap {
     for (std::size_t k = 0; k < x.size(); ++k) {
       double px = x[k] - t[0];
       const double py = y[k] - t[3];
-      // Longitudes of the file may be counted from anywhere.
+      // Where x repeats around the globe, the turn that the raster lies in.
       if (full_turn_ > 0 && t[2] == 0) {
         const double width = static_cast<double>(raster_->n_columns()) * t[1];
         px -= full_turn_ * std::floor((px - std::min(0.0, width)) / full_turn_);
@@ -69,12 +70,35 @@ class CellMap {
   }
 
  private:
+  /// x of a whole turn where the projection is a cylinder (x depends on longitude alone, and evenly); else 0.
+  double cylinder_turn() const {
+    std::vector<double> x, y;
+    for (const double lat : {0.0, 40.0}) {
+      for (const double lon : {-170.0, -100.0, -50.0, 10.0, 60.0, 130.0}) {
+        for (const double ahead : {0.0, 0.5}) {
+          x.push_back(lon + ahead);
+          y.push_back(lat);
+        }
+      }
+    }
+    there_.apply(x, y);
+    // The projection's own seam may fall into one of the six steps of a latitude.
+    const double step = x[1] - x[0], other = x[3] - x[2];
+    for (const double one : {step, other}) {
+      int alike = 0;
+      for (std::size_t k = 0; k < x.size(); k += 2)
+        alike += std::abs(x[k + 1] - x[k] - one) <= 1e-9 * std::abs(one) ? 1 : 0;
+      if (alike >= 10) return 720 * std::abs(one);
+    }
+    return 0;
+  }
+
   CellMap(const SourceRaster& raster, Transform there, Transform back)
       : raster_(&raster), there_(std::move(there)), back_(std::move(back)) {}
 
   const SourceRaster* raster_;
   Transform there_, back_;
-  double full_turn_ = 0;  ///< 360 degrees in the file's own unit; 0: it is not geographic.
+  double full_turn_ = 0;  ///< What x grows by in 360 degrees of longitude; 0: it does not repeat.
 };
 
 /// What of the globe a raster covers, and how densely.
@@ -204,6 +228,7 @@ class BlockWarp {
     window.n_rows = static_cast<std::int64_t>(std::floor(high_y)) + 4 - window.row0;
     if (window.n_columns * window.n_rows > kMostCells && n > 1) return split(block);
     if (auto ok = map_.raster().read(window); !ok) return ok;
+    for (double& cell : window.heights_m) cell = static_cast<double>(static_cast<float>(cell));
     for (std::size_t k = 0; k < n; ++k) {
       if (!map_.inside(x[k], y[k], 1)) continue;
       bool uncertain = false;

@@ -237,8 +237,8 @@ const SmallWorld& small_world() {
     GDALAllRegister();
     GDALDriver* driver = GetGDALDriverManager()->GetDriverByName("GTiff");
     GDALDataset* dataset = driver->Create(made.raster.c_str(), kColumns, kRows, 1, GDT_Int16, nullptr);
-    // From 176 degrees east across longitude 180 to 184, that is -176.
-    double transform[6] = {176 - kSpacing / 2, kSpacing, 0, 46, 0, -kSpacing};
+    // From 176 degrees east across longitude 180 to 184, that is -176. Posts are at whole multiples of the spacing.
+    double transform[6] = {176 - kSpacing / 2, kSpacing, 0, 46 + kSpacing / 2, 0, -kSpacing};
     dataset->SetGeoTransform(transform);
     dataset->SetProjection(SRS_WKT_WGS84_LAT_LONG);
     const HeightAt height = rough_terrain(7, 900);

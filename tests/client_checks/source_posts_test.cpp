@@ -102,15 +102,81 @@ TEST(SourcePosts, RepeatedMeridianOfAGlobalGridIsFolded) {
   EXPECT_TRUE(posts->other_values.empty());
 }
 
+TEST(SourcePosts, ColumnsThatNearlyCloseAroundTheGlobeClose) {
+  RasterSpec spec;
+  spec.west = 0;
+  spec.spacing = 30.2;
+  spec.north = 0;
+  const auto posts = read_source_posts({write_raster("nearly", spec, {{1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12}})}, {});
+  ASSERT_TRUE(posts.has_value()) << posts.error();
+  EXPECT_NEAR(posts->lon_spacing_deg, 30, 1e-12);
+  EXPECT_EQ(posts->n_cols, 12);
+  spec.spacing = 30.3;
+  const auto open = read_source_posts({write_raster("open", spec, {{1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12}})}, {});
+  ASSERT_TRUE(open.has_value()) << open.error();
+  EXPECT_NEAR(open->lon_spacing_deg, 30.3, 1e-12) << "more than a tenth of a post off";
+}
+
+TEST(SourcePosts, DecimalsOfAHeaderAreNotTakenLiterally) {
+  RasterSpec spec;
+  spec.west = 10.00000004;
+  spec.spacing = 0.00833333333;
+  spec.north = 46.00000003;
+  const auto posts = read_source_posts({write_raster("decimals", spec, {{1, 2}, {3, 4}})}, {});
+  ASSERT_TRUE(posts.has_value()) << posts.error();
+  EXPECT_EQ(posts->lon_spacing_deg, 1.0 / 120);
+  EXPECT_EQ(posts->west_deg, 10);
+  EXPECT_NEAR(posts->latitude_of(2), 46, 1e-12);
+}
+
+TEST(SourcePosts, APoleIsOnePointAndRowsBeyondItAreNone) {
+  RasterSpec spec;
+  spec.west = -180;
+  spec.spacing = 90;
+  spec.north = 180;
+  SourceOptions options;
+  options.source_crs = "EPSG:4326";
+  const auto posts = read_source_posts(
+      {write_raster("poles", spec, {{9, 9, 9, 9}, {1, 2, 3, 4}, {5, 5, 5, 5}, {6, 6, 6, 6}, {8, 8, 8, 8}})}, options);
+  ASSERT_TRUE(posts.has_value()) << posts.error();
+  EXPECT_EQ(posts->n_rows, 3);
+  EXPECT_EQ(posts->n_posts, 12u);
+  EXPECT_EQ(posts->disagreement_m, 3);
+  EXPECT_EQ(posts->other_values.size(), 4u) << "all posts of the north pole, none of the south pole";
+}
+
+TEST(SourcePosts, HeightsBeyondAnyWorldAndMaskedCellsAreVoids) {
+  const auto posts = read_source_posts({write_raster("wild", {}, {{-3.4e38f, 32767, 30001, -9999}})}, {});
+  ASSERT_TRUE(posts.has_value()) << posts.error();
+  EXPECT_EQ(posts->n_posts, 1u);
+  EXPECT_EQ(posts->heights_m[3], -9999);
+  const std::string masked = write_raster("masked", {}, {{1, 2, 3}});
+  auto* dataset = static_cast<GDALDataset*>(GDALOpen(masked.c_str(), GA_Update));
+  CPLSetConfigOption("GDAL_TIFF_INTERNAL_MASK", "YES");
+  ASSERT_EQ(dataset->CreateMaskBand(GMF_PER_DATASET), CE_None);
+  std::vector<std::uint8_t> mask = {255, 0, 255};
+  ASSERT_EQ(dataset->GetRasterBand(1)->GetMaskBand()->RasterIO(GF_Write, 0, 0, 3, 1, mask.data(), 3, 1, GDT_Byte, 0, 0),
+            CE_None);
+  GDALClose(dataset);
+  const auto seen = read_source_posts({masked}, {});
+  ASSERT_TRUE(seen.has_value()) << seen.error();
+  EXPECT_EQ(seen->n_posts, 2u);
+  EXPECT_TRUE(std::isnan(seen->heights_m[1]));
+}
+
 TEST(SourcePosts, RefusesWhatIsNoSource) {
   EXPECT_THAT(read_source_posts({"/nowhere/x.tif"}, {}).error(), HasSubstr("GDAL"));
   RasterSpec rotated;
   rotated.rotation = 0.1;
-  EXPECT_THAT(read_source_posts({write_raster("rotated", rotated, {{1, 2}})}, {}).error(), HasSubstr("rotated"));
+  EXPECT_THAT(read_source_posts({write_raster("rotated", rotated, {{1, 2}})}, {}).error(),
+              HasSubstr("manifest's grid"));
   RasterSpec shifted;
   shifted.west = 10.2;
   EXPECT_THAT(read_source_posts({write_raster("a", {}, {{1, 2}}), write_raster("b", shifted, {{1, 2}})}, {}).error(),
-              HasSubstr("same grid"));
+              HasSubstr("grid of its own"));
+  RasterSpec metres;
+  metres.west = 400000;
+  EXPECT_THAT(read_source_posts({write_raster("metres", metres, {{1, 2}})}, {}).error(), HasSubstr("--source-crs"));
   RasterSpec voids;
   voids.nodata = 1;
   EXPECT_THAT(read_source_posts({write_raster("voids", voids, {{1, 1}})}, {}).error(), HasSubstr("no post"));
