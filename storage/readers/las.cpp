@@ -32,6 +32,14 @@ T load(const std::uint8_t* at) {
   return value;
 }
 
+/// As many as fit.
+template <class T>
+std::vector<T> numbers(const std::vector<std::uint8_t>& bytes) {
+  std::vector<T> values(bytes.size() / sizeof(T));
+  if (!values.empty()) std::memcpy(values.data(), bytes.data(), values.size() * sizeof(T));
+  return values;
+}
+
 std::string text_field(const std::uint8_t* at, std::size_t n) {
   const std::uint8_t* end = std::find(at, at + n, std::uint8_t{0});
   return {at, end};
@@ -180,11 +188,9 @@ class LasHeaderReader {
     if (id == 2112) {
       h_.crs.wkt = text_field(body.data(), n);
     } else if (id == 34735) {
-      h_.crs.geo_keys.resize(n / 2);
-      std::memcpy(h_.crs.geo_keys.data(), body.data(), n / 2 * 2);
+      h_.crs.geo_keys = numbers<std::uint16_t>(body);
     } else if (id == 34736) {
-      h_.crs.geo_doubles.resize(n / 8);
-      std::memcpy(h_.crs.geo_doubles.data(), body.data(), n / 8 * 8);
+      h_.crs.geo_doubles = numbers<double>(body);
     } else {
       h_.crs.geo_ascii = text_field(body.data(), n);
     }

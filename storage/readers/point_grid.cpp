@@ -27,7 +27,7 @@ constexpr double kBlockSpacings = 16;
 constexpr double kMaxRadius = 16;
 /// Points that far around a window decide about its posts (core/delaunay_surface.hpp); one more for rounding.
 constexpr double kHalo = 2 * kMaxRadius + 1;
-constexpr std::int64_t kWindowPosts = 128;
+constexpr std::int64_t kWindowPosts = 256;
 /// A window with more points around it is taken in quarters, down to kMinWindowPosts.
 constexpr std::size_t kMaxSites = std::size_t{1} << 20;
 constexpr std::int64_t kMinWindowPosts = 16;

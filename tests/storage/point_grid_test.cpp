@@ -16,6 +16,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "core/delaunay_surface.hpp"
 #include "tests/storage/test_las.hpp"
 
 namespace tind {
@@ -241,6 +242,34 @@ TEST_F(PointGridTest, EveryKeptPointLiesBetweenPostsWithData) {
     if (p.height_m == 800) {
       EXPECT_EQ(f.sample_m(p.x, p.y), 800);
     }
+  }
+}
+
+TEST_F(PointGridTest, WindowsGiveWhatOneTriangulationWould) {
+  // Several windows; then one with so many points that it is taken in quarters.
+  for (const auto& [n, spacing_m] : {std::pair<std::size_t, double>{25000, 0.4}, {1070000, 1.0}}) {
+    PointOptions options;
+    options.spacing_m = spacing_m;
+    const auto grid = load({write("a.las", scattered(11, hills, n))}, {}, options);
+    ASSERT_TRUE(grid) << grid.error().message;
+    const HeightField& f = grid->field();
+    std::vector<SurfaceSite> sites;
+    for (std::uint64_t i = 0; i < n_points(f); ++i) {
+      const PointPost& p = f.points.posts[i];
+      sites.push_back({(p.x - f.x0) / f.dx, (p.y - f.y0) / f.dy, p.height_m});
+    }
+    std::vector<float> heights(static_cast<std::size_t>(f.n_rows * f.n_cols));
+    interpolate_posts(sites, {0, 0, 1, f.n_rows, f.n_cols}, 16, heights);
+    std::int64_t n_compared = 0;
+    for (std::int64_t i = 0; i < f.n_rows * f.n_cols; ++i) {
+      const float expected = heights[static_cast<std::size_t>(i)];
+      if (std::isnan(expected)) continue;
+      ASSERT_EQ(f.heights_m[i], expected) << i;
+      ASSERT_EQ(f.origins[i], PostOrigin::kInterpolated);
+      ++n_compared;
+    }
+    EXPECT_GT(n_compared, 20000);
+    EXPECT_LE(static_cast<std::uint64_t>(n_compared), grid->counts().interpolated);
   }
 }
 
