@@ -150,43 +150,44 @@ void BreakLineReader::add_line(const SourceLine& source, bool lakes) {
     is_outside_ = false;
     return;
   }
-  const auto [west, east] = std::minmax_element(v.begin(), v.end(), [](auto& a, auto& b) { return a.x < b.x; });
   const double width = static_cast<double>(options_.lattice.width());
-  const double first_turn = std::ceil((static_cast<double>(options_.west_x) - east->x) / width);
-  const double last_turn = std::floor((static_cast<double>(options_.east_x) - west->x) / width);
+  const double west = static_cast<double>(options_.west_x), east = static_cast<double>(options_.east_x);
   bool is_inside = false, is_cut = false;
-  for (double turn = first_turn; turn <= last_turn; ++turn) {
-    std::vector<LineVertex> run;
-    const auto flush = [&] {
-      if (!run.empty()) {
-        add_run(source, run, run.size() == v.size(), lakes);
-        is_inside = true;
-      }
-      run.clear();
-    };
-    for (std::size_t i = 1; i < v.size(); ++i) {
-      LineVertex a = v[i - 1], b = v[i];
-      a.x += turn * width;
-      b.x += turn * width;
-      const auto part = clip(a, b, options_);
-      if (!part) {
-        is_cut = true;
-        flush();
-        continue;
-      }
-      if (part->first > 0) {
-        is_cut = true;
-        flush();
-      }
-      if (run.empty()) run.push_back(between(a, b, part->first));
-      run.push_back(between(a, b, part->second));
-      if (part->second < 1) {
-        is_cut = true;
-        flush();
-      }
+  std::vector<LineVertex> run;
+  double run_turn = 0;  // whole turns by which the run was moved into the area
+  const auto flush = [&] {
+    if (run.empty()) return;
+    add_run(source, run, run.size() == v.size(), lakes);
+    is_inside = true;
+    run.clear();
+  };
+  for (std::size_t i = 1; i < v.size(); ++i) {
+    const double low = std::min(v[i - 1].x, v[i].x), high = std::max(v[i - 1].x, v[i].x);
+    std::vector<double> turns;
+    for (double t = std::ceil((west - high) / width); t <= std::floor((east - low) / width); ++t) turns.push_back(t);
+    // In the order in which the segment passes the area.
+    if (v[i].x > v[i - 1].x) std::reverse(turns.begin(), turns.end());
+    bool is_seen = false;
+    for (const double turn : turns) {
+      LineVertex from = v[i - 1], to = v[i];
+      from.x += turn * width;
+      to.x += turn * width;
+      const auto part = clip(from, to, options_);
+      if (!part || part->first == part->second) continue;  // beside it, or it is touched in a point
+      is_seen = true;
+      if (part->first > 0 || turn != run_turn) flush();
+      if (run.empty()) run.push_back(between(from, to, part->first));
+      run.push_back(between(from, to, part->second));
+      run_turn = turn;
+      if (part->second < 1) flush();
+      is_cut = is_cut || part->first > 0 || part->second < 1;
     }
-    flush();
+    if (!is_seen) {
+      is_cut = true;
+      flush();
+    }
   }
+  flush();
   out_.counts.cut += is_inside && is_cut ? 1 : 0;
   out_.counts.outside += is_inside ? 0 : 1;
   is_outside_ = is_outside_ && !is_inside;

@@ -584,6 +584,15 @@ TEST_F(OgrLinesTest, GlobalFieldCutsLinesAtItsSeam) {
   EXPECT_EQ(lines_of(write_json("b.json", {{"LineString", "[[180,38],[-180,38.2]]"}})).chains.size(), 1U);
 }
 
+TEST_F(OgrLinesTest, SpiralAroundTheGlobePassesOncePerTurn) {
+  std::string text;
+  for (int i = 0; i < 3000; ++i)
+    text += fmt::format("{}[{},{:.6f}]", i == 0 ? "" : ",", i % 3 * 120 - 180, 30 + i * 0.01);
+  const BreakLines lines = lines_of(write_json("a.json", {{"LineString", "[" + text + "]"}}));
+  EXPECT_EQ(lines.chains.size(), 66U);  // 2 degrees at 0.03 a turn
+  EXPECT_EQ(lines.counts.meetings, 0);
+}
+
 TEST_F(OgrLinesTest, WindowOfAFieldIsItsDataWithoutTheFalloff) {
   std::vector<float> heights(30, 7);
   std::vector<PostOrigin> origins(30, PostOrigin::kFalloff);
