@@ -239,7 +239,7 @@ class Measurement {
         if (!counted) return tl::unexpected(counted.error());
         counts = *counted;
         n_missed = surface->n_missed;
-        return SurfaceFigures{counts.data, surface->errors, std::nullopt};
+        return SurfaceFigures{counts.data, surface->errors, std::nullopt, std::nullopt};
       };
       VertexCounts counts;
       if (!tick(fmt::format("level {}: TIN", level))) return cancelled();
@@ -270,7 +270,7 @@ class Measurement {
       if (options_.bilinear && source.n_rows >= 2 && source.n_cols >= 2) {
         const auto measure_raster = [&](const RasterShape& shape) {
           const BilinearRaster raster(source, shape.n_rows, shape.n_cols);
-          SurfaceFigures figures{raster.n_data_nodes(), raster.measure(heights_m), std::nullopt};
+          SurfaceFigures figures{raster.n_data_nodes(), raster.measure(heights_m), std::nullopt, shape};
           if (streams) figures.streams = streams->match(level);
           return figures;
         };

@@ -10,6 +10,7 @@
 
 #include "core/drainage/compare.hpp"
 #include "core/result.hpp"
+#include "storage/report/bilinear_raster.hpp"
 #include "storage/report/rebuild_options.hpp"
 #include "storage/report/surface_sampler.hpp"
 
@@ -37,6 +38,7 @@ struct SurfaceFigures {
   std::uint64_t n_points = 0;  ///< Vertices, or nodes of a raster, in the data.
   SurfaceErrors errors;
   std::optional<StreamMatch> streams;
+  std::optional<RasterShape> shape;  ///< Of a raster.
 };
 
 struct LevelReport {

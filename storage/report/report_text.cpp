@@ -21,22 +21,22 @@ bool any_level(const PyramidReport& report, const std::optional<SurfaceFigures> 
 }
 
 std::string errors_text(const std::optional<SurfaceFigures>& figures) {
-  if (!figures || figures->errors.n_posts == 0) return fmt::format("{:>10} {:>7} {:>8}", "-", "-", "-");
-  return fmt::format("{:>10.2f} {:>7.2f} {:>8.2f}", thousands(figures->n_points), figures->errors.rmse_m(),
+  if (!figures || figures->errors.n_posts == 0) return fmt::format("{:>8} {:>7} {:>8}", "-", "-", "-");
+  return fmt::format("{:>8.2f} {:>7.2f} {:>8.2f}", thousands(figures->n_points), figures->errors.rmse_m(),
                      figures->errors.max_m);
 }
 
 std::string surface_table(const PyramidReport& report) {
   const bool rasters = any_level(report, &LevelReport::same_spacing);
-  std::string out = fmt::format("{:<74}", "TIN");
-  if (rasters) out += fmt::format(" | {:<26}| {:<26}", "bilinear, level's spacing", "bilinear, as many points");
-  out += fmt::format("\n{:>5} {:>8} {:>9} {:>9} {:>7} {:>8} {:>8} {:>7} {:>5}", "level", "E_L m", "spacing m",
+  std::string out = fmt::format("{:<73}", "TIN");
+  if (rasters) out += fmt::format(" | {:<25}| {:<25}", "bilinear, level's spacing", "bilinear, as many points");
+  out += fmt::format("\n{:>5} {:>8} {:>8} {:>9} {:>7} {:>8} {:>8} {:>7} {:>5}", "level", "E_L m", "spacing m",
                      "points k", "% posts", "per km2", "E_max m", "RMSE m", "R/E");
-  const std::string errors_head = fmt::format("{:>10} {:>7} {:>8}", "points k", "RMSE m", "E_max m");
+  const std::string errors_head = fmt::format("{:>8} {:>7} {:>8}", "points k", "RMSE m", "E_max m");
   if (rasters) out += fmt::format(" | {}| {}", errors_head, errors_head);
   out += '\n';
   for (const LevelReport& row : report.levels) {
-    out += fmt::format("{:>5} {:>8.2f} {:>9.2f} {:>9.2f} {:>7.3f} {:>8.2f} {:>8.2f} {:>7.2f} {:>5.2f}", row.level,
+    out += fmt::format("{:>5} {:>8.2f} {:>8.1f} {:>9.2f} {:>7.3f} {:>8.2f} {:>8.2f} {:>7.2f} {:>5.2f}", row.level,
                        row.tolerance_m, row.spacing_m, thousands(row.tin.n_points), report.percent_of_posts(row.tin),
                        report.points_per_km2(row.tin), row.tin.errors.max_m, row.tin.errors.rmse_m(),
                        rmse_share(row.tin.errors));
@@ -44,7 +44,8 @@ std::string surface_table(const PyramidReport& report) {
     out += '\n';
   }
   out +=
-      "points: vertices whose nearest post is of the source (10^3); R/E: RMSE / E_max; errors at the source's posts.\n";
+      "spc.: spacing; points: vertices whose nearest post is of the source (10^3); R/E: RMSE / E_max; errors at the "
+      "posts.\n";
   if (rasters) {
     out +=
         "bilinear: a raster taken from the source's posts, interpolated bilinearly at the posts; beside voids only "
@@ -60,8 +61,8 @@ std::string extra_table(const PyramidReport& report) {
   for (const LevelReport& row : report.levels) native = native || row.native;
   std::string out =
       fmt::format("\n{:>5} {:>9} {:>9} {:>9} {:>9}", "level", "in voids", "beyond", "RMSE mf", "E_max mf");
-  if (plain) out += fmt::format(" | {:>10} {:>7} {:>8} {:>8}", "points k", "RMSE m", "E_max m", "lines +%");
-  if (native) out += fmt::format(" | {:>10} {:>7} {:>8}", "cells k", "RMSE m", "E_max m");
+  if (plain) out += fmt::format(" | {:>8} {:>7} {:>8} {:>8}", "points k", "RMSE m", "E_max m", "lines +%");
+  if (native) out += fmt::format(" | {:>8} {:>7} {:>8}", "cells k", "RMSE m", "E_max m");
   out += '\n';
   for (const LevelReport& row : report.levels) {
     out += fmt::format("{:>5} {:>9.2f} {:>9.2f} {:>9.3f} {:>9.3f}", row.level, thousands(row.n_void_points),
@@ -73,7 +74,7 @@ std::string extra_table(const PyramidReport& report) {
                         : fmt::format(" {:>8}", "-");
     }
     if (native && row.native) {
-      out += fmt::format(" | {:>10.2f} {:>7.2f} {:>8.2f}", thousands(row.native->n_posts), row.native->rmse_m(),
+      out += fmt::format(" | {:>8.2f} {:>7.2f} {:>8.2f}", thousands(row.native->n_posts), row.native->rmse_m(),
                          row.native->max_m);
     }
     out += '\n';
@@ -94,9 +95,9 @@ std::string extra_table(const PyramidReport& report) {
 
 std::string match_text(const std::optional<SurfaceFigures>& figures) {
   if (!figures || !figures->streams || figures->streams->reference_length == 0)
-    return fmt::format("{:>6} {:>5} {:>5} {:>5}", "-", "-", "-", "-");
+    return fmt::format("{:>5} {:>5} {:>5} {:>5}", "-", "-", "-", "-");
   const StreamMatch& m = *figures->streams;
-  return fmt::format("{:>6.3f} {:>5.3f} {:>5.3f} {:>5.2f}", m.completeness(), m.correctness(), m.quality(),
+  return fmt::format("{:>5.3f} {:>5.3f} {:>5.3f} {:>5.2f}", m.completeness(), m.correctness(), m.quality(),
                      m.mean_distance);
 }
 
@@ -106,11 +107,11 @@ std::string stream_table(const PyramidReport& report) {
   if (!any) return "";
   const bool plain = any_level(report, &LevelReport::unconstrained);
   const bool rasters = any_level(report, &LevelReport::same_spacing);
-  const std::string head = fmt::format("{:>6} {:>5} {:>5} {:>5}", "compl", "corr", "qual", "dist");
-  std::string first = fmt::format("\n{:<27} | {:<24}", "streams", report.has_lines ? "TIN with lines" : "TIN");
-  std::string second = fmt::format("{:>5} {:>11} {:>9} | {}", "level", "threshold", "length", head);
+  const std::string head = fmt::format("{:>5} {:>5} {:>5} {:>5}", "compl", "corr", "qual", "dist");
+  std::string first = fmt::format("\n{:<24} | {:<23}", "streams", report.has_lines ? "TIN with lines" : "TIN");
+  std::string second = fmt::format("{:>5} {:>9} {:>8} | {}", "level", "threshold", "length", head);
   const auto add = [&](const char* name) {
-    first += fmt::format(" | {:<24}", name);
+    first += fmt::format(" | {:<23}", name);
     second += " | " + head;
   };
   if (plain) add("TIN without lines");
@@ -119,7 +120,7 @@ std::string stream_table(const PyramidReport& report) {
   std::string out = first + '\n' + second + '\n';
   for (const LevelReport& row : report.levels) {
     if (!row.tin.streams) continue;
-    out += fmt::format("{:>5} {:>11.0f} {:>9.0f} | {}", row.level, *row.stream_cells, row.tin.streams->reference_length,
+    out += fmt::format("{:>5} {:>9.0f} {:>8.0f} | {}", row.level, *row.stream_cells, row.tin.streams->reference_length,
                        match_text(row.tin));
     if (plain) out += " | " + match_text(row.unconstrained);
     if (rasters) out += " | " + match_text(row.same_spacing) + " | " + match_text(row.same_points);
@@ -150,6 +151,7 @@ json figures_json(const PyramidReport& report, const SurfaceFigures& f) {
             {"rmse_m", f.errors.rmse_m()},
             {"max_error_m", f.errors.max_m}};
   if (f.streams) j["streams"] = match_json(*f.streams);
+  if (f.shape) j["nodes"] = {f.shape->n_rows, f.shape->n_cols};
   return j;
 }
 
