@@ -288,6 +288,7 @@ void sort_pieces(std::vector<NodedPiece>& pieces) {
       v.push_back(v.front());
     }
     Points& points = order.emplace_back(Points{}, i).first;
+    points.reserve(v.size());
     for (const BreakVertex& p : v) points.push_back({p.x, p.y});
     if (std::lexicographical_compare(points.rbegin(), points.rend(), points.begin(), points.end()))
       std::reverse(points.begin(), points.end());
