@@ -57,6 +57,7 @@ Result<std::string> vector_in_zip(const std::string& path) {
 
 std::string layer_names(const std::vector<OGRLayer*>& layers) {
   std::vector<std::string> names;
+  names.reserve(layers.size());
   for (OGRLayer* layer : layers) names.emplace_back(layer->GetName());
   return fmt::format("{}", fmt::join(names, ", "));
 }

@@ -295,6 +295,7 @@ void sort_pieces(std::vector<NodedPiece>& pieces) {
   }
   std::sort(order.begin(), order.end());
   std::vector<NodedPiece> sorted;
+  sorted.reserve(order.size());
   for (const auto& [points, i] : order) sorted.push_back(std::move(pieces[i]));
   pieces = std::move(sorted);
 }

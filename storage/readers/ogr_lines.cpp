@@ -29,7 +29,10 @@ constexpr double kNoHeight = std::numeric_limits<double>::quiet_NaN();
 struct FeatureId {
   std::size_t file = 0;
   std::int64_t id = 0;
-  friend auto operator<=>(const FeatureId&, const FeatureId&) = default;
+  friend bool operator==(const FeatureId&, const FeatureId&) = default;
+  friend bool operator<(const FeatureId& a, const FeatureId& b) {
+    return std::tie(a.file, a.id) < std::tie(b.file, b.id);
+  }
 };
 
 /// Where a line on the lattice comes from.

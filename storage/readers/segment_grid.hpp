@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
-#include <compare>
 #include <cstdint>
 #include <span>
 #include <utility>
@@ -13,7 +12,8 @@ namespace tind {
 
 struct LatticeXy {
   std::int64_t x = 0, y = 0;
-  friend auto operator<=>(const LatticeXy&, const LatticeXy&) = default;
+  friend bool operator==(const LatticeXy&, const LatticeXy&) = default;
+  friend bool operator<(const LatticeXy& a, const LatticeXy& b) { return a.x != b.x ? a.x < b.x : a.y < b.y; }
 };
 
 /// Finds the segments of lines near a lattice point: a grid of square cells over the lines' bounds, each with the
