@@ -157,7 +157,7 @@ void BreakLineReader::add_line(const SourceLine& source, bool lakes) {
   const double west = static_cast<double>(options_.west_x), east = static_cast<double>(options_.east_x);
   bool is_inside = false, is_cut = false;
   std::vector<LineVertex> run;
-  double run_turn = 0;  // whole turns by which the run was moved into the area
+  int run_turn = 0;  // whole turns by which the run was moved into the area
   const auto flush = [&] {
     if (run.empty()) return;
     add_run(source, run, run.size() == v.size(), lakes);
@@ -166,12 +166,13 @@ void BreakLineReader::add_line(const SourceLine& source, bool lakes) {
   };
   for (std::size_t i = 1; i < v.size(); ++i) {
     const double low = std::min(v[i - 1].x, v[i].x), high = std::max(v[i - 1].x, v[i].x);
-    std::vector<double> turns;
-    for (double t = std::ceil((west - high) / width); t <= std::floor((east - low) / width); ++t) turns.push_back(t);
+    std::vector<int> turns;
+    const auto last_turn = static_cast<int>(std::floor((east - low) / width));
+    for (auto t = static_cast<int>(std::ceil((west - high) / width)); t <= last_turn; ++t) turns.push_back(t);
     // In the order in which the segment passes the area.
     if (v[i].x > v[i - 1].x) std::reverse(turns.begin(), turns.end());
     bool is_seen = false;
-    for (const double turn : turns) {
+    for (const int turn : turns) {
       LineVertex from = v[i - 1], to = v[i];
       from.x += turn * width;
       to.x += turn * width;
@@ -286,9 +287,10 @@ LatticeLine BreakLineReader::densify(const LatticeLine& piece, bool has_heights)
   for (std::size_t i = 1; i < piece.size(); ++i) {
     const BreakVertex &a = piece[i - 1], &b = piece[i];
     const double dx = static_cast<double>(b.x - a.x), dy = static_cast<double>(b.y - a.y);
-    const double n = std::ceil(std::max(std::abs(dx) / options_.dx, std::abs(dy) / options_.dy) - kSlackPosts);
-    for (double k = 1; k < n; ++k) {
-      const double t = k / n;
+    const auto n = static_cast<std::int64_t>(
+        std::ceil(std::max(std::abs(dx) / options_.dx, std::abs(dy) / options_.dy) - kSlackPosts));
+    for (std::int64_t k = 1; k < n; ++k) {
+      const double t = static_cast<double>(k) / static_cast<double>(n);
       const BreakVertex v{a.x + std::llround(t * dx), a.y + std::llround(t * dy),
                           has_heights ? std::lerp(a.height_m, b.height_m, t) : kNoHeight};
       if (v.x != out.back().x || v.y != out.back().y) out.push_back(v);
