@@ -41,7 +41,7 @@ const char* metres_name(BuildOptions::Metres metres) {
 }
 
 // What shapes the bytes, for the manifest.
-std::string options_to_json(const BuildOptions& options) {
+std::string options_to_json(const BuildOptions& options, const SurfaceLines& lines) {
   nlohmann::json j = {{"base_height_m", options.base_height_m},
                       {"falloff_posts", options.falloff_posts},
                       {"metres_per_degree", metres_name(options.metres)},
@@ -60,9 +60,9 @@ std::string options_to_json(const BuildOptions& options) {
   if (!options.source.points.source_crs.empty()) j["source_crs"] = options.source.points.source_crs;
   if (options.source.points.spacing_m) j["spacing_m"] = *options.source.points.spacing_m;
   if (options.lines.drainage) {
-    j["drainage_cells"] = options.lines.drainage_cells;
+    j["drainage_cells"] = lines.drainage_cells;
     j["drainage_growth"] = options.lines.drainage_growth;
-    j["lake_area_m2"] = options.lines.lake_area_m2;
+    j["lake_area_m2"] = lines.lake_area_m2;
     if (options.lines.sea_level_m) j["sea_level_m"] = *options.lines.sea_level_m;
   }
   return j.dump();
@@ -118,7 +118,7 @@ Result<BuildReport> build_pyramid(const BuildOptions& options, Progress& progres
 
   const auto line_start = std::chrono::steady_clock::now();
   if (options.lines.drainage) progress.update(kReadShare, "drainage");
-  const auto lines = make_surface_lines(source->field(), *table, options.lines, scratch_dir);
+  const auto lines = make_surface_lines(source->field(), *table, options.lines, scratch_dir, report.threads);
   if (!lines) return tl::unexpected(lines.error());
   for (const std::string& note : lines->notes) progress.note(note);
   report.drainage = lines->drainage;
@@ -136,7 +136,7 @@ Result<BuildReport> build_pyramid(const BuildOptions& options, Progress& progres
   m.falloff_posts = options.falloff_posts;
   source->describe(m);
   m.lines = lines->counts;
-  m.options_json = options_to_json(options);
+  m.options_json = options_to_json(options, *lines);
 
   const double progress_from = options.lines.drainage ? kReadShare + kLineShare : kReadShare;
   const PyramidInput input{field, *table, lines->pyramid, report.threads, options.cancel};

@@ -8,6 +8,7 @@
 #include <csignal>
 #include <cstdio>
 #include <fstream>
+#include <optional>
 #include <string_view>
 
 #include "storage/builder/build.hpp"
@@ -50,7 +51,7 @@ int main(int argc, char** argv) {
   tind::BuildOptions options;
   std::string mode = "non-standard", metres = "auto", resampling = "bilinear", classes = "2", report_path;
   std::vector<double> tolerances;
-  double lake_km2 = options.lines.lake_area_m2 / kM2PerKm2;
+  std::optional<double> lake_km2;
   bool no_drainage = false, json = false, quiet = false;
   app.add_option("INPUT", options.source.inputs,
                  "Elevation rasters (any GDAL format and CRS; .zip too), or points (.las, .xyz, .csv)")
@@ -110,20 +111,21 @@ int main(int argc, char** argv) {
   tind::LineOptions& lines = options.lines;
   app.add_flag("--no-drainage", no_drainage, "No streams and shores in the surface")->group(kLineGroup);
   app.add_option("--drainage-cells", lines.drainage_cells,
-                 "Posts that must drain into a stream to draw it at the bottom level")
+                 "Posts that must drain into a stream to draw it at the bottom level (default: 44 times the posts that a "
+                 "vertex stands for)")
       ->check(CLI::Range(std::int64_t{1}, std::int64_t{1} << 40))
       ->type_name("N")
-      ->capture_default_str()
       ->group(kLineGroup);
   app.add_option("--drainage-growth", lines.drainage_growth, "That number grows so many times per coarser level")
       ->check(CLI::Range(1.0, 1000.0))
       ->type_name("F")
       ->capture_default_str()
       ->group(kLineGroup);
-  app.add_option("--lake-area", lake_km2, "Smallest level water whose shore is drawn, km2")
+  app.add_option("--lake-area", lake_km2,
+                 "Smallest level water whose shore is drawn at the bottom level, km2 (default: 4 times the area that a "
+                 "vertex stands for, at least 0.25)")
       ->check(CLI::NonNegativeNumber)
       ->type_name("KM2")
-      ->capture_default_str()
       ->group(kLineGroup);
   app.add_option("--sea-level", lines.sea_level_m,
                  "Everything at or below is the sea (default: bodies at or below 0 m of 100,000 km2 and more)")
@@ -167,7 +169,7 @@ int main(int argc, char** argv) {
   }
   points.classes = *filter;
   lines.drainage = !no_drainage;
-  lines.lake_area_m2 = lake_km2 * kM2PerKm2;
+  if (lake_km2) lines.lake_area_m2 = *lake_km2 * kM2PerKm2;
   if (!tolerances.empty()) {
     options.levels.tolerance_m = tolerances.front();
     options.levels.coarser_tolerances_m.assign(tolerances.begin() + 1, tolerances.end());

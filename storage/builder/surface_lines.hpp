@@ -16,12 +16,20 @@
 
 namespace tind {
 
+/// Streams and lakes are drawn where they are large beside the triangles of the level: then they cost about a tenth of
+/// its vertices on any terrain (docs/decisions/0007-drainage.md).
+inline constexpr double kCellsPerVertex = 44;
+inline constexpr double kLakePerVertex = 4;
+
 /// Which lines the surface follows.
 struct LineOptions {
   bool drainage = true;
-  std::int64_t drainage_cells = DrainageOptions().cells;  ///< Posts that drain into a stream at the bottom level.
+  /// Posts that drain into a stream at the bottom level; absent: kCellsPerVertex times the posts a vertex stands for.
+  std::optional<std::int64_t> drainage_cells;
   double drainage_growth = DrainageOptions().growth;      ///< Of that number, per coarser level.
-  double lake_area_m2 = DrainageOptions().lake_area_m2;
+  /// Smallest lake at the bottom level; absent: kLakePerVertex times the area a vertex stands for, or the default of
+  /// DrainageOptions where that is more.
+  std::optional<double> lake_area_m2;
   std::optional<double> sea_level_m;
   std::string drainage_out;  ///< GeoPackage to write the lines of every level to; empty: none.
 };
@@ -30,6 +38,8 @@ struct LineOptions {
 struct SurfaceLines {
   LinePyramid pyramid;
   LineCounts counts;
+  std::int64_t drainage_cells = 0;  ///< As used.
+  double lake_area_m2 = 0;          ///< As used.
   DrainageCounts drainage;
   std::vector<std::string> notes;  ///< Lines for the user.
 };
@@ -37,6 +47,6 @@ struct SurfaceLines {
 /// Derives streams and shores of the field and generalises them with the level table. `scratch_dir`: for the flow's
 /// arrays. kIo, kInvalidInput.
 Result<SurfaceLines> make_surface_lines(const HeightField& field, const LevelTable& table, const LineOptions& options,
-                                        const std::string& scratch_dir);
+                                        const std::string& scratch_dir, int threads);
 
 }  // namespace tind

@@ -182,13 +182,9 @@ class Measurement {
     std::optional<StreamQuality> streams;
     if (options_.streams) {
       progress.update(kReadShare, "streams of the source");
-      DrainageOptions drainage;
-      drainage.cells = options_.drainage_cells.value_or(build.lines.drainage_cells);
-      drainage.growth = options_.drainage_growth.value_or(build.lines.drainage_growth);
-      drainage.lake_area_m2 = build.lines.lake_area_m2;
-      drainage.sea_level_m = build.lines.sea_level_m;
-      drainage.bottom_level = file.manifest().bottom_level;
-      drainage.max_change_m = report_.bottom_tolerance_m / 2;
+      DrainageOptions drainage = drainage_options(file.manifest());
+      drainage.cells = options_.drainage_cells.value_or(drainage.cells);
+      drainage.growth = options_.drainage_growth.value_or(drainage.growth);
       auto made = StreamQuality::make(source, drainage, levels_, options_.buffer_cells, scratch_dir_);
       if (!made) return tl::unexpected(made.error());
       streams.emplace(std::move(*made));
