@@ -85,4 +85,16 @@ Result<BuildOptions> rebuild_options(const Manifest& manifest, const SourceHints
   return options;
 }
 
+DrainageOptions drainage_options(const Manifest& manifest) {
+  const json j = json::parse(manifest.options_json, nullptr, false);
+  DrainageOptions drainage;
+  take(j, "drainage_cells", drainage.cells);
+  take(j, "drainage_growth", drainage.growth);
+  take(j, "lake_area_m2", drainage.lake_area_m2);
+  take(j, "sea_level_m", drainage.sea_level_m);
+  drainage.bottom_level = manifest.bottom_level;
+  drainage.max_change_m = manifest.levels.back().tolerance_m / 2;
+  return drainage;
+}
+
 }  // namespace tind

@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "core/drainage/drainage.hpp"
 #include "core/result.hpp"
 #include "storage/builder/build.hpp"
 #include "storage/manifest.hpp"
@@ -23,5 +24,9 @@ struct SourceHints {
 /// kCorrupt on options that no builder writes; kInvalidInput when the manifest names a file whose path must be given
 /// (a geoid grid).
 Result<BuildOptions> rebuild_options(const Manifest& manifest, const SourceHints& hints);
+
+/// How the pyramid's streams were derived; where it has none, how they would be by default. Precondition:
+/// rebuild_options() took the manifest.
+DrainageOptions drainage_options(const Manifest& manifest);
 
 }  // namespace tind
