@@ -27,8 +27,8 @@ namespace {
 
 /// A level with fewer spacings along the data's longer side says nothing about it.
 constexpr double kLeastSpacings = 8;
-/// Levels above the deepest one whose facets can be told from the terrain in a picture.
-constexpr int kPictureLevelsUp = 3;
+/// The coarsest level with so many points is drawn: its facets can be told apart and look like the terrain.
+constexpr std::uint64_t kPicturePoints = 3000;
 constexpr std::int64_t kWindowRows = 480, kWindowCols = 640;
 constexpr double kReadShare = 0.1;
 /// Relative difference of an error from the manifest's that summing in another order, and floats, may make.
@@ -62,6 +62,11 @@ class Measurement {
     for (const std::string& note : source->source.notes()) progress.note(note);
     describe(*file, *source);
     if (levels_.empty()) choose_default_levels(*file, *source, *build);
+    if (const auto pictured = options_.picture_level;
+        pictured && std::find(levels_.begin(), levels_.end(), *pictured) == levels_.end()) {
+      return fail(ErrorKind::kInvalidInput,
+                  fmt::format("level {} is not measured, so it cannot be drawn: add it with --levels", *pictured));
+    }
 
     TemporaryFile temporary((folder / fmt::format("tind-report-{}.tind", ::getpid())).string());
     const auto unconstrained = open_unconstrained(*file, *build, temporary.path(), progress);
@@ -200,8 +205,11 @@ class Measurement {
       heights_map = std::move(*map);
       heights_m = static_cast<float*>(heights_map.data());
     }
-    const int pictured =
-        std::clamp(options_.picture_level.value_or(levels_.back() - kPictureLevelsUp), levels_.front(), levels_.back());
+    const auto is_pictured = [&](const LevelReport& row) {
+      if (!options_.picture) return false;
+      if (options_.picture_level) return *options_.picture_level == row.level;
+      return report_.levels.empty() || report_.levels.back().tin.n_points < kPicturePoints;
+    };
     std::optional<NativeCells> native;
     if (const RasterMosaic* raster = source.source.raster(); raster && raster->warped) {
       progress.update(kReadShare, "the source's own cells");
@@ -244,7 +252,7 @@ class Measurement {
       row.tin = *tin;
       row.n_void_points = counts.voids;
       row.n_outside_points = counts.outside;
-      if (level == pictured && options_.picture) take_window(source, level, heights_m);
+      if (is_pictured(row)) take_window(source, level, heights_m);
       if (streams) row.tin.streams = streams->match(level);
       warn_of_differences(row);
       if (native && native->size() > 0) {

@@ -27,7 +27,7 @@ struct ReportOptions {
   std::optional<double> drainage_growth;       ///< with, or would be.
   std::optional<int> first_level, last_level;  ///< Default: see PyramidReport::levels.
   double buffer_cells = 2;
-  std::optional<int> picture_level;  ///< Whose hill-shade is wanted; default: three above the deepest of the report.
+  std::optional<int> picture_level;  ///< Whose hill-shade is wanted; default: the coarsest with 3000 points.
   bool picture = false;
   int threads = 0;                            ///< 0: all cores.
   const std::atomic<bool>* cancel = nullptr;  ///< Set by a signal handler.

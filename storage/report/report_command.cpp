@@ -112,7 +112,8 @@ int report_main(int argc, char** argv) {
       ->capture_default_str();
   app.add_option("--picture", picture, "Draw the report, with hill-shades of the source and of the TIN")
       ->type_name("FILE.svg");
-  app.add_option("--picture-level", options.picture_level, "Level of that hill-shade; default: three above the deepest")
+  app.add_option("--picture-level", options.picture_level,
+                 "Level of that hill-shade; default: the coarsest with 3000 points")
       ->type_name("N");
   app.add_flag("--json", json, "Print the report as JSON");
   app.add_flag("-q,--quiet", quiet, "No progress");

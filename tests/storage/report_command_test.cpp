@@ -151,6 +151,8 @@ TEST_F(ReportCommandTest, RefusesOptionsThatMakeNoSense) {
   expect_refused({file_, "--source", dem_, "--picture", path("a.png")}, 2, "name it FILE.svg");
   expect_refused({file_, "--source", dem_, "--picture", path("none/a.svg"), "-q"}, 1, "no such folder");
   expect_refused({file_, "--source", dem_, "--picture", path("a.svg"), "--picture-level", "99", "-q"}, 1, "not 99");
+  expect_refused({file_, "--source", dem_, "--picture", path("a.svg"), "--picture-level", "2", "-q"}, 1,
+                 "level 2 is not measured");
   expect_refused({file_, "--source", dem_, "--class", "ground"}, 2, "--class");
   EXPECT_FALSE(std::filesystem::exists(path("a.svg")));
 }
@@ -203,7 +205,7 @@ TEST_F(ReportCommandTest, PictureIsWellFormedAndHoldsWhatItShould) {
   EXPECT_EQ(counts["image"], 2);
   EXPECT_EQ(counts["polyline"], 6 + 3 + 4);  // errors, points, streams
   EXPECT_THAT(all, HasSubstr("a&lt;b&gt;&amp;&quot;c&quot;: TIN pyramid, E = 11.1 m at level 13"));
-  EXPECT_THAT(all, HasSubstr("TIN, level 10: E = 89.1 m"));
+  EXPECT_THAT(all, HasSubstr("TIN, level 13: E = 11.1 m"));
   for (const char* words : {"metres", "points", "quality", "level (below: E_L, m)", "dem.asc", "TIN without lines"}) {
     EXPECT_THAT(all, HasSubstr(words));
   }
