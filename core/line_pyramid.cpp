@@ -54,13 +54,15 @@ class LinePyramidBuilder {
     std::vector<Id> ids;
     int first_level = 0;
     double weight = 0;
+    std::size_t given = 0;  // index of the chain it came from
   };
 
   // A line as a level draws it: chains joined where nothing else meets them.
   struct Line {
     std::vector<Id> ids;
     std::vector<std::size_t> drawn;  // positions in ids of the vertices that are kept, ascending
-    double weight = 0;
+    double weight = -1;
+    std::size_t chain = 0;  // given chain of that weight
   };
 
   // Two neighbouring kept vertices of a line.
@@ -117,7 +119,10 @@ class LinePyramidBuilder {
                     [](const LatticePoint& a, const LatticePoint& b) { return a.x == b.x && a.y == b.y; }),
         out_.vertices_.end());
     for (const Raw& piece : raw) {
-      Chain chain{{}, std::clamp(piece.chain->first_level, 0, bottom_), piece.chain->weight};
+      Chain chain{{},
+                  std::clamp(piece.chain->first_level, 0, bottom_),
+                  piece.chain->weight,
+                  static_cast<std::size_t>(piece.chain - input.data())};
       for (const LatticePoint& p : piece.points) {
         const auto at = std::lower_bound(out_.vertices_.begin(), out_.vertices_.end(), p, before);
         chain.ids.push_back(static_cast<Id>(at - out_.vertices_.begin()));
@@ -210,7 +215,10 @@ class LinePyramidBuilder {
       for (;;) {
         used[k] = true;
         const Chain& chain = chains_[k];
-        line.weight = std::max(line.weight, chain.weight);
+        if (chain.weight > line.weight) {
+          line.weight = chain.weight;
+          line.chain = chain.given;
+        }
         const auto append = [&](auto first, auto last) {
           for (; first != last; ++first) {
             if (line.ids.empty() || line.ids.back() != *first) line.ids.push_back(*first);
@@ -435,6 +443,7 @@ class LinePyramidBuilder {
       }
       if (open_line != s.line || open_at != s.from) {
         out.line_first.push_back(out.line_vertices.size());
+        out.line_chain.push_back(line.chain);
         out.line_vertices.push_back(a);
       }
       out.line_vertices.push_back(b);
@@ -512,14 +521,15 @@ std::vector<LineSegment> LinePyramid::segments(const TileKey& tile) const {
   return found;
 }
 
-std::vector<std::vector<LatticePoint>> LinePyramid::polylines(int level) const {
-  std::vector<std::vector<LatticePoint>> lines;
+std::vector<DrawnLine> LinePyramid::drawn(int level) const {
+  std::vector<DrawnLine> lines;
   if (empty()) return lines;
   const Level& in = levels_[static_cast<std::size_t>(level)];
   for (std::size_t l = 0; l + 1 < in.line_first.size(); ++l) {
-    std::vector<LatticePoint> line;
-    for (std::uint64_t k = in.line_first[l]; k < in.line_first[l + 1]; ++k)
-      line.push_back(vertices_[in.line_vertices[k]]);
+    DrawnLine line{{}, in.line_chain[l]};
+    for (std::uint64_t k = in.line_first[l]; k < in.line_first[l + 1]; ++k) {
+      line.vertices.push_back(vertices_[in.line_vertices[k]]);
+    }
     lines.push_back(std::move(line));
   }
   return lines;

@@ -30,6 +30,12 @@ struct LineSegment {
   LatticePoint a, b;
 };
 
+/// A line as a level draws it: chains joined where nothing else meets them, with the level's vertices.
+struct DrawnLine {
+  std::vector<LatticePoint> vertices;
+  std::size_t chain = 0;  ///< The heaviest of the chains in it, as given to the pyramid.
+};
+
 /// Break lines for all levels: generalised per level with nested vertices and cut at the level's border lines, so that
 /// each tile finds its own pieces (DESIGN "Drainage"; Zheng et al. 2016, step 3). Immutable; thread safe.
 class LinePyramid {
@@ -53,8 +59,8 @@ class LinePyramid {
   /// Pieces of the level that are not drawn because they cross a heavier line.
   std::uint64_t n_dropped(int level) const { return levels_[static_cast<std::size_t>(level)].n_dropped; }
 
-  /// Lines as drawn at a level: runs of vertices joined to polylines, for output.
-  std::vector<std::vector<LatticePoint>> polylines(int level) const;
+  /// Lines as drawn at a level, for output.
+  std::vector<DrawnLine> drawn(int level) const;
 
  private:
   struct Piece {
@@ -65,6 +71,7 @@ class LinePyramid {
     std::vector<Piece> pieces;                 // by tile, heaviest first
     std::vector<std::uint32_t> line_vertices;  // polylines one after another
     std::vector<std::uint64_t> line_first;
+    std::vector<std::size_t> line_chain;
     std::uint64_t n_dropped = 0;
   };
   friend class LinePyramidBuilder;

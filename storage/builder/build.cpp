@@ -65,6 +65,9 @@ std::string options_to_json(const BuildOptions& options, const SurfaceLines& lin
     j["lake_area_m2"] = lines.lake_area_m2;
     if (options.lines.sea_level_m) j["sea_level_m"] = *options.lines.sea_level_m;
   }
+  for (const BreakLineSource& given : lines.given_sources) {
+    j["break_lines"].push_back({{"name", given.name}, {"sha256", given.sha256}, {"lakes", given.lakes}});
+  }
   return j.dump();
 }
 
@@ -118,7 +121,8 @@ Result<BuildReport> build_pyramid(const BuildOptions& options, Progress& progres
 
   const auto line_start = std::chrono::steady_clock::now();
   if (options.lines.drainage) progress.update(kReadShare, "drainage");
-  const auto lines = make_surface_lines(source->field(), *table, options.lines, scratch_dir, report.threads);
+  const auto lines =
+      make_surface_lines(source->field(), *table, options.lines, scratch_dir, report.threads, options.force);
   if (!lines) return tl::unexpected(lines.error());
   for (const std::string& note : lines->notes) progress.note(note);
   report.drainage = lines->drainage;

@@ -52,6 +52,7 @@ int main(int argc, char** argv) {
   std::string mode = "non-standard", metres = "auto", resampling = "bilinear", classes = "2", report_path;
   std::vector<double> tolerances;
   std::optional<double> lake_km2;
+  std::vector<std::string> break_lines, lakes;
   bool no_drainage = false, json = false, quiet = false;
   app.add_option("INPUT", options.source.inputs,
                  "Elevation rasters (any GDAL format and CRS; .zip too), or points (.las, .xyz, .csv)")
@@ -110,9 +111,10 @@ int main(int argc, char** argv) {
       ->group(kSourceGroup);
   tind::LineOptions& lines = options.lines;
   app.add_flag("--no-drainage", no_drainage, "No streams and shores in the surface")->group(kLineGroup);
-  app.add_option("--drainage-cells", lines.drainage_cells,
-                 "Posts that must drain into a stream to draw it at the bottom level (default: 44 times the posts that a "
-                 "vertex stands for)")
+  app.add_option(
+         "--drainage-cells", lines.drainage_cells,
+         "Posts that must drain into a stream to draw it at the bottom level (default: 44 times the posts that a "
+         "vertex stands for)")
       ->check(CLI::Range(std::int64_t{1}, std::int64_t{1} << 40))
       ->type_name("N")
       ->group(kLineGroup);
@@ -131,7 +133,15 @@ int main(int argc, char** argv) {
                  "Everything at or below is the sea (default: bodies at or below 0 m of 100,000 km2 and more)")
       ->type_name("M")
       ->group(kLineGroup);
-  app.add_option("--drainage-out", lines.drainage_out, "Write the lines of every level for QGIS")
+  app.add_option("--breaklines", break_lines, "Lines or polygons that the surface shall follow, any OGR source")
+      ->type_name("FILE[:LAYER]")
+      ->allow_extra_args(false)
+      ->group(kLineGroup);
+  app.add_option("--lakes", lakes, "Polygons whose shores are level, any OGR source")
+      ->type_name("FILE[:LAYER]")
+      ->allow_extra_args(false)
+      ->group(kLineGroup);
+  app.add_option("--drainage-out", lines.lines_out, "Write the lines of every level for QGIS")
       ->type_name("FILE.gpkg")
       ->group(kLineGroup);
   app.add_option("--base-height", options.base_height_m, "Height of the surface far outside the data, metres")
@@ -169,6 +179,8 @@ int main(int argc, char** argv) {
   }
   points.classes = *filter;
   lines.drainage = !no_drainage;
+  for (const std::string& spec : break_lines) lines.given.push_back({spec, false});
+  for (const std::string& spec : lakes) lines.given.push_back({spec, true});
   if (lake_km2) lines.lake_area_m2 = *lake_km2 * kM2PerKm2;
   if (!tolerances.empty()) {
     options.levels.tolerance_m = tolerances.front();

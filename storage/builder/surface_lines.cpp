@@ -1,14 +1,19 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "storage/builder/surface_lines.hpp"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numbers>
 #include <utility>
 
 #include "storage/builder/tile_posts.hpp"
 #include "storage/builder/vertex_estimate.hpp"
 
+#include "storage/readers/line_writer.hpp"
+#include "storage/readers/noding.hpp"
 #include "storage/readers/scratch_map.hpp"
 
 namespace tind {
@@ -31,6 +36,9 @@ std::vector<LineDetail> details_of(const HeightField& field, const LevelTable& t
   }
   return detail;
 }
+
+// Nested vertices keep their height on every finer level, so the finest tolerance bounds what lines may move.
+double max_change_m(const LevelTable& table) { return table.levels.back().tolerance_m / 2; }
 
 // Sets what the user left open by how many posts stand behind a vertex of the bottom level.
 void choose_sizes(const HeightField& field, const LevelTable& table, const LineOptions& options, int threads,
@@ -59,48 +67,139 @@ void choose_sizes(const HeightField& field, const LevelTable& table, const LineO
   }
 }
 
+// What is known of a chain beside its course.
+struct Provenance {
+  const char* kind = "stream";
+  std::optional<int> strahler;
+  std::optional<double> area_km2;
+};
+
+struct Chains {
+  std::vector<BreakChain> chains;
+  std::vector<Provenance> provenance;  // parallel
+
+  void add(BreakChain chain, Provenance of) {
+    chains.push_back(std::move(chain));
+    provenance.push_back(of);
+  }
+};
+
+Result<void> add_drainage(const HeightField& field, const LevelTable& table, const LineOptions& options,
+                          const std::string& scratch_dir, SurfaceLines& lines, Chains& all) {
+  DrainageOptions drainage_options;
+  drainage_options.cells = lines.drainage_cells;
+  drainage_options.growth = options.drainage_growth;
+  drainage_options.lake_area_m2 = lines.lake_area_m2;
+  drainage_options.sea_level_m = options.sea_level_m;
+  drainage_options.bottom_level = table.bottom_level();
+  drainage_options.max_change_m = max_change_m(table);
+  for (const LevelSpec& level : table.levels) drainage_options.deviation_limits_m.push_back(level.tolerance_m / 2);
+  std::vector<ScratchMap> scratch;
+  std::string scratch_error;
+  const auto allocate = [&](std::size_t n_bytes) -> void* {
+    auto map = ScratchMap::create(scratch_dir, n_bytes);
+    if (!map) {
+      scratch_error = map.error().message;
+      return nullptr;
+    }
+    scratch.push_back(std::move(*map));
+    return scratch.back().data();
+  };
+  auto drainage = derive_drainage(field, drainage_options, allocate);
+  if (!drainage) {
+    if (!scratch_error.empty()) return fail(ErrorKind::kIo, scratch_error);
+    return tl::unexpected(drainage.error());
+  }
+  lines.drainage = drainage->counts;
+  lines.counts.streams = drainage->streams.size();
+  lines.counts.shores = drainage->shores.size();
+  for (std::size_t k = 0; k < drainage->streams.size(); ++k) {
+    all.add(std::move(drainage->streams[k]), {"stream", drainage->strahler[k], drainage->area_km2[k]});
+  }
+  for (BreakChain& shore : drainage->shores) all.add(std::move(shore), {"shore", {}, {}});
+  return {};
+}
+
+// Cuts derived and given lines at each other: neither kind knows of the other.
+Result<void> node_all(Chains& all) {
+  std::vector<LatticeLine> lines;
+  for (const BreakChain& chain : all.chains) lines.push_back(chain.vertices);
+  auto noded = node_lines(lines);
+  if (!noded) return tl::unexpected(noded.error());
+  Chains cut;
+  for (NodedPiece& piece : noded->pieces) {
+    BreakChain chain{std::move(piece.vertices), std::numeric_limits<int>::max(), -1};
+    std::size_t heaviest = 0;
+    for (const std::uint32_t line : piece.lines) {
+      const BreakChain& of = all.chains[line];
+      chain.first_level = std::min(chain.first_level, of.first_level);
+      if (of.weight > chain.weight) {
+        chain.weight = of.weight;
+        heaviest = line;
+      }
+    }
+    cut.add(std::move(chain), all.provenance[heaviest]);
+  }
+  all = std::move(cut);
+  return {};
+}
+
+Result<void> write_out(const Lattice& lattice, const LevelTable& table, const LinePyramid& pyramid, const Chains& all,
+                       const std::string& path, bool force) {
+  std::vector<OutputLayer> layers;
+  for (int level = 0; level <= table.bottom_level(); ++level) {
+    OutputLayer layer{fmt::format("level_{:02}", level), {}};
+    for (const DrawnLine& drawn : pyramid.drawn(level)) {
+      const Provenance& of = all.provenance[drawn.chain];
+      OutputLine line{{}, of.kind, of.strahler, of.area_km2, all.chains[drawn.chain].first_level};
+      std::int64_t x_before = drawn.vertices.front().x;
+      for (const LatticePoint& p : drawn.vertices) {
+        // Across longitude 180 the line goes on past it.
+        std::int64_t x = p.x;
+        while (x - x_before > lattice.width() / 2) x -= lattice.width();
+        while (x_before - x > lattice.width() / 2) x += lattice.width();
+        x_before = x;
+        line.vertices.push_back({lattice.longitude_deg(x), lattice.latitude_deg(p.y), lattice.height_m(p.z)});
+      }
+      layer.lines.push_back(std::move(line));
+    }
+    if (!layer.lines.empty()) layers.push_back(std::move(layer));
+  }
+  return write_lines(path, layers, force);
+}
+
 }  // namespace
 
 Result<SurfaceLines> make_surface_lines(const HeightField& field, const LevelTable& table, const LineOptions& options,
-                                        const std::string& scratch_dir, int threads) {
+                                        const std::string& scratch_dir, int threads, bool force) {
   SurfaceLines lines;
-  std::vector<BreakChain> chains;
+  Chains all;
   if (options.drainage) {
-    DrainageOptions drainage_options;
     choose_sizes(field, table, options, threads, lines);
-    drainage_options.cells = lines.drainage_cells;
-    drainage_options.growth = options.drainage_growth;
-    drainage_options.lake_area_m2 = lines.lake_area_m2;
-    drainage_options.sea_level_m = options.sea_level_m;
-    drainage_options.bottom_level = table.bottom_level();
-    // Nested vertices keep their height on every finer level, so the finest tolerance bounds what may be moved.
-    drainage_options.max_change_m = table.levels.back().tolerance_m / 2;
-    for (const LevelSpec& level : table.levels) drainage_options.deviation_limits_m.push_back(level.tolerance_m / 2);
-    std::vector<ScratchMap> scratch;
-    std::string scratch_error;
-    const auto allocate = [&](std::size_t n_bytes) -> void* {
-      auto map = ScratchMap::create(scratch_dir, n_bytes);
-      if (!map) {
-        scratch_error = map.error().message;
-        return nullptr;
-      }
-      scratch.push_back(std::move(*map));
-      return scratch.back().data();
-    };
-    auto drainage = derive_drainage(field, drainage_options, allocate);
-    if (!drainage) {
-      if (!scratch_error.empty()) return fail(ErrorKind::kIo, scratch_error);
-      return tl::unexpected(drainage.error());
+    if (auto added = add_drainage(field, table, options, scratch_dir, lines, all); !added) {
+      return tl::unexpected(added.error());
     }
-    lines.drainage = drainage->counts;
-    lines.counts.streams = drainage->streams.size();
-    lines.counts.shores = drainage->shores.size();
-    chains = std::move(drainage->streams);
-    chains.insert(chains.end(), drainage->shores.begin(), drainage->shores.end());
   }
-  if (chains.empty()) return lines;
-  lines.pyramid = LinePyramid(field.lattice, chains, details_of(field, table));
-  for (const auto& line : lines.pyramid.polylines(table.bottom_level())) lines.counts.vertices += line.size();
+  if (!options.given.empty()) {
+    auto given = read_break_lines(options.given, break_line_options(field, max_change_m(table)));
+    if (!given) return tl::unexpected(given.error());
+    lines.notes = given->notes;
+    lines.given = given->counts;
+    lines.given_sources = given->sources;
+    lines.counts.given = given->chains.size();
+    for (std::size_t k = 0; k < given->chains.size(); ++k) {
+      all.add(std::move(given->chains[k]), {given->is_shore[k] ? "shore" : "breakline", {}, {}});
+    }
+    if (options.drainage) {
+      if (auto noded = node_all(all); !noded) return tl::unexpected(noded.error());
+    }
+  }
+  if (!all.chains.empty()) lines.pyramid = LinePyramid(field.lattice, all.chains, details_of(field, table));
+  for (const DrawnLine& line : lines.pyramid.drawn(table.bottom_level())) lines.counts.vertices += line.vertices.size();
+  if (!options.lines_out.empty()) {
+    auto written = write_out(field.lattice, table, lines.pyramid, all, options.lines_out, force);
+    if (!written) return tl::unexpected(written.error());
+  }
   return lines;
 }
 

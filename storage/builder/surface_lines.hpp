@@ -13,6 +13,7 @@
 #include "core/line_pyramid.hpp"
 #include "core/result.hpp"
 #include "storage/manifest.hpp"
+#include "storage/readers/ogr_lines.hpp"
 
 namespace tind {
 
@@ -26,12 +27,13 @@ struct LineOptions {
   bool drainage = true;
   /// Posts that drain into a stream at the bottom level; absent: kCellsPerVertex times the posts a vertex stands for.
   std::optional<std::int64_t> drainage_cells;
-  double drainage_growth = DrainageOptions().growth;      ///< Of that number, per coarser level.
+  double drainage_growth = DrainageOptions().growth;  ///< Of that number, per coarser level.
   /// Smallest lake at the bottom level; absent: kLakePerVertex times the area a vertex stands for, or the default of
   /// DrainageOptions where that is more.
   std::optional<double> lake_area_m2;
   std::optional<double> sea_level_m;
-  std::string drainage_out;  ///< GeoPackage to write the lines of every level to; empty: none.
+  std::vector<BreakLineFile> given;  ///< The user's break lines and lakes.
+  std::string lines_out;             ///< GeoPackage to write the lines of every level to; empty: none.
 };
 
 /// The lines of a build.
@@ -41,12 +43,15 @@ struct SurfaceLines {
   std::int64_t drainage_cells = 0;  ///< As used.
   double lake_area_m2 = 0;          ///< As used.
   DrainageCounts drainage;
+  BreakLineCounts given;
+  std::vector<BreakLineSource> given_sources;
   std::vector<std::string> notes;  ///< Lines for the user.
 };
 
-/// Derives streams and shores of the field and generalises them with the level table. `scratch_dir`: for the flow's
-/// arrays. kIo, kInvalidInput.
+/// Derives streams and shores of the field, reads the user's lines, cuts them all at each other, generalises them with
+/// the level table, and writes them out where asked to (an existing file only with `force`). `scratch_dir`: for the
+/// flow's arrays. kIo, kInvalidInput.
 Result<SurfaceLines> make_surface_lines(const HeightField& field, const LevelTable& table, const LineOptions& options,
-                                        const std::string& scratch_dir, int threads);
+                                        const std::string& scratch_dir, int threads, bool force);
 
 }  // namespace tind
