@@ -388,6 +388,13 @@ TEST_F(OgrLinesTest, LowerOfTwoLinesGivesTheHeightOfTheirNode) {
   EXPECT_EQ(n, 4);
 }
 
+TEST_F(OgrLinesTest, LowerOfTwoHeightsOfOnePointCounts) {
+  const BreakLines lines = lines_of(
+      write_json("a.json", {{"LineString", "[[-105.0005,38,1001],[-105,38,1002],[-105,38,998],[-104.9995,38,1001]]"}}));
+  const auto& v = lines.chains.at(0).vertices;
+  EXPECT_EQ(std::count_if(v.begin(), v.end(), [](const BreakVertex& p) { return p.height_m == 998; }), 1);
+}
+
 TEST_F(OgrLinesTest, ZeroHeightsThroughoutAreNone) {
   const BreakLines lines = lines_of(write_json("a.json", {{"LineString", "[[-105.01,38,0],[-105,38,0]]"}}));
   EXPECT_NEAR(lines.chains.at(0).vertices.back().height_m, 1000, 1e-3);
@@ -492,6 +499,22 @@ TEST_F(OgrLinesTest, ShoreWinsOverLinesThatReachIt) {
   EXPECT_GE(n, 3);
   EXPECT_EQ(std::count(lines->is_shore.begin(), lines->is_shore.end(), true), 1);
   EXPECT_TRUE(lines->sources[1].lakes);
+}
+
+TEST_F(OgrLinesTest, LowerOfTwoLakesThatTouchGetsTheirNode) {
+  const BreakLines lines =
+      lines_of(write_csv("a.csv", {"POLYGON Z((-105 38 1002,-105.01 38 1002,-105.01 38.01 1002,-105 38 1002))",
+                                   "POLYGON Z((-105 38 999,-104.99 38 999,-104.99 38.01 999,-105 38 999))"}),
+               true);
+  int n = 0;
+  for (const BreakChain& chain : lines.chains) {
+    for (const BreakVertex& v : chain.vertices) {
+      const bool is_node = v.x == x(-105) && v.y == y(38);
+      n += is_node ? 1 : 0;
+      EXPECT_EQ(v.height_m, is_node || v.x > x(-105) ? 999 : 1002);
+    }
+  }
+  EXPECT_EQ(n, 4);
 }
 
 TEST_F(OgrLinesTest, LineAmongLakesIsABreakLine) {
