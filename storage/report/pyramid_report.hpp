@@ -49,6 +49,7 @@ struct LevelReport {
   std::uint64_t n_outside_points = 0;  ///< And beyond the data.
   std::uint64_t n_missed_posts = 0;    ///< Posts that no tile of the level holds.
   double manifest_rmse_m = 0, manifest_max_error_m = 0;
+  std::uint64_t manifest_posts = 0;  ///< Measured by the builder.
   std::optional<SurfaceFigures> unconstrained;
   std::optional<SurfaceFigures> same_spacing;  ///< Bilinear raster with the level's spacing.
   std::optional<SurfaceFigures> same_points;   ///< Bilinear raster with as many points as the TIN.

@@ -161,11 +161,11 @@ std::string pyramid_report_text(const PyramidReport& report) {
   std::string sources;
   for (const std::string& name : report.source_names) sources += (sources.empty() ? "" : ", ") + name;
   if (sources.size() > 60) sources = sources.substr(0, 57) + "...";
-  std::string out = fmt::format("{} from {}: {} {}, {:.1f} km2\n\n", report.name, sources, report.n_posts,
+  std::string out = fmt::format("{} from {}: {} {}, {:.{}f} km2\n\n", report.name, sources, report.n_posts,
                                 report.source_kind == "points"   ? "points"
                                 : report.source_kind == "warped" ? "warped posts"
                                                                  : "posts",
-                                report.area_km2);
+                                report.area_km2, report.area_km2 < 10 ? 4 : 1);
   out += surface_table(report) + extra_table(report) + stream_table(report);
   for (const std::string& note : report.notes) out += "note: " + note + "\n";
   return out;
