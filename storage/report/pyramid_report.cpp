@@ -233,6 +233,7 @@ class Measurement {
       row.spacing_m = info.spacing_m;
       row.manifest_rmse_m = info.rmse_m;
       row.manifest_max_error_m = info.max_error_m;
+      row.manifest_posts = info.n_posts;
       if (streams) row.stream_cells = streams->threshold_cells(level);
 
       const auto measure_tin = [&](const PyramidFile& tin, VertexCounts& counts,
@@ -298,9 +299,10 @@ class Measurement {
     if (differ(row.tin.errors.rmse_m(), row.manifest_rmse_m) ||
         differ(row.tin.errors.max_m, row.manifest_max_error_m)) {
       report_.notes.push_back(fmt::format(
-          "level {}: RMSE {:.4f} m and E_max {:.4f} m measured here, {:.4f} and {:.4f} m by the file's "
-          "manifest",
-          row.level, row.tin.errors.rmse_m(), row.tin.errors.max_m, row.manifest_rmse_m, row.manifest_max_error_m));
+          "level {}: RMSE {:.4f} m and E_max {:.4f} m over {} posts measured here, {:.4f} and {:.4f} m over {} "
+          "by the file's manifest",
+          row.level, row.tin.errors.rmse_m(), row.tin.errors.max_m, row.tin.errors.n_posts, row.manifest_rmse_m,
+          row.manifest_max_error_m, row.manifest_posts));
     }
     if (row.tin.errors.max_m > row.tolerance_m * (1 + kSameError)) {
       report_.notes.push_back(fmt::format("level {}: E_max {:.4f} m is above E_L = {:.4f} m", row.level,
