@@ -603,6 +603,9 @@ TEST_F(OgrLinesTest, GlobalFieldCutsLinesAtItsSeam) {
   EXPECT_EQ(lines.chains.at(0).vertices.front().x, options_.west_x);
   EXPECT_EQ(lines.chains.at(1).vertices.back().x, options_.east_x);
   EXPECT_EQ(lines.chains.at(0).vertices.front().y, lines.chains.at(1).vertices.back().y);
+  // With a vertex on it, too.
+  EXPECT_EQ(lines_of(write_json("c.json", {{"LineString", "[[179.9,38],[180,38.1],[-179.9,38.2]]"}})).chains.size(),
+            2U);
   // What runs along the seam is there once.
   EXPECT_EQ(lines_of(write_json("b.json", {{"LineString", "[[180,38],[-180,38.2]]"}})).chains.size(), 1U);
 }
