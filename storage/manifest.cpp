@@ -117,7 +117,8 @@ std::string encode_manifest(const Manifest& m) {
                        {"n_cols", s.n_cols},
                        {"n_rows", s.n_rows},
                        {"n_points", s.n_points},
-                       {"crs", s.crs}});
+                       {"crs", s.crs},
+                       {"operation", s.operation}});
   }
   json levels = json::array();
   for (const LevelInfo& level : m.levels) levels.push_back(level_to_json(level));
@@ -132,6 +133,7 @@ std::string encode_manifest(const Manifest& m) {
         {"inverse_flattening", m.lattice.ellipsoid.inverse_flattening}}},
       {"vertical_datum", m.vertical_datum},
       {"heights", m.heights},
+      {"vertical_operation", m.vertical_operation},
       {"source_kind", m.source_kind},
       {"resampling", m.resampling},
       {"horizontal_crs", kHorizontalCrs},
@@ -174,6 +176,7 @@ Result<Manifest> decode_manifest(ByteView text) {
     m.vertical_datum = j.at("vertical_datum").get<std::string>();
     // Files of the first builders lack what came with projected sources, points and lines: they had none.
     m.heights = j.value("heights", m.heights);
+    m.vertical_operation = j.value("vertical_operation", m.vertical_operation);
     m.source_kind = j.value("source_kind", m.source_kind);
     m.resampling = j.value("resampling", m.resampling);
     m.mode = j.at("mode").get<std::string>();
@@ -192,7 +195,8 @@ Result<Manifest> decode_manifest(ByteView text) {
     for (const json& s : j.at("sources")) {
       m.sources.push_back({s.at("name").get<std::string>(), s.at("sha256").get<std::string>(),
                            whole<std::int64_t>(s.at("n_cols")), whole<std::int64_t>(s.at("n_rows")),
-                           s.contains("n_points") ? whole<std::uint64_t>(s["n_points"]) : 0, s.value("crs", "")});
+                           s.contains("n_points") ? whole<std::uint64_t>(s["n_points"]) : 0, s.value("crs", ""),
+                           s.value("operation", "")});
     }
     m.n_source_posts = whole<std::uint64_t>(j.at("posts").at("source"));
     m.n_filled_posts = whole<std::uint64_t>(j.at("posts").at("filled"));

@@ -44,6 +44,7 @@ struct SourceInfo {
   std::int64_t n_cols = 0, n_rows = 0;  ///< Of a raster.
   std::uint64_t n_points = 0;           ///< Of a point source, as read.
   std::string crs;                      ///< Name of its own CRS; empty: it says none.
+  std::string operation;                ///< PROJ pipeline from EPSG:4326 to that CRS; empty: posts are not warped.
 };
 
 /// Break lines that the vertices of a pyramid follow; counts of chains.
@@ -59,6 +60,7 @@ struct Manifest {
   std::string attribution;
   std::string vertical_datum;
   std::string heights = "unknown";     ///< "orthometric", "ellipsoidal" or "unknown".
+  std::string vertical_operation;      ///< PROJ's, that made the heights ellipsoidal; empty: they are as in the source.
   std::string source_kind = "raster";  ///< "raster", "warped" or "points".
   std::string resampling = "none";     ///< "none", "bilinear" or "cubic".
   std::string mode;

@@ -40,8 +40,18 @@ const char* metres_name(BuildOptions::Metres metres) {
   return "auto";
 }
 
+// As parse_class_filter reads it.
+std::string class_filter_text(const ClassFilter& classes) {
+  if (classes.all()) return "all";
+  std::string text;
+  for (std::size_t k = 0; k < classes.size(); ++k) {
+    if (classes[k]) text += fmt::format("{}{}", text.empty() ? "" : ",", k);
+  }
+  return text;
+}
+
 // What shapes the bytes, for the manifest.
-std::string options_to_json(const BuildOptions& options, const SurfaceLines& lines) {
+std::string options_to_json(const BuildOptions& options, bool has_points, const SurfaceLines& lines) {
   nlohmann::json j = {{"base_height_m", options.base_height_m},
                       {"falloff_posts", options.falloff_posts},
                       {"metres_per_degree", metres_name(options.metres)},
@@ -57,6 +67,7 @@ std::string options_to_json(const BuildOptions& options, const SurfaceLines& lin
   if (raster.metres_per_unit) j["metres_per_unit"] = *raster.metres_per_unit;
   if (!raster.vertical_datum.empty()) j["vertical_datum"] = raster.vertical_datum;
   if (!raster.geoid.empty()) j["geoid"] = std::filesystem::path(raster.geoid).filename().string();
+  if (has_points) j["classes"] = class_filter_text(options.source.points.classes);
   if (!options.source.points.source_crs.empty()) j["source_crs"] = options.source.points.source_crs;
   if (options.source.points.spacing_m) j["spacing_m"] = *options.source.points.spacing_m;
   if (options.lines.drainage) {
@@ -140,7 +151,7 @@ Result<BuildReport> build_pyramid(const BuildOptions& options, Progress& progres
   m.falloff_posts = options.falloff_posts;
   source->describe(m);
   m.lines = lines->counts;
-  m.options_json = options_to_json(options, *lines);
+  m.options_json = options_to_json(options, source->has_points(), *lines);
 
   const double progress_from = options.lines.drainage ? kReadShare + kLineShare : kReadShare;
   const PyramidInput input{field, *table, lines->pyramid, report.threads, options.cancel};

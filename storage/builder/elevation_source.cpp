@@ -83,15 +83,18 @@ void ElevationSource::describe(Manifest& m) const {
   if (points_) {
     m.source_kind = "points";
     m.vertical_datum = points_->vertical_datum;
-    for (const PointFile& f : points_->files) m.sources.push_back({f.name, f.sha256, 0, 0, f.n_points, f.crs});
+    m.heights = points_->height_kind;
+    m.vertical_operation = points_->vertical_operation;
+    for (const PointFile& f : points_->files) m.sources.push_back({f.name, f.sha256, 0, 0, f.n_points, f.crs, ""});
     return;
   }
   m.source_kind = raster_->warped ? "warped" : "raster";
   m.resampling = raster_->resampling;
   m.vertical_datum = raster_->vertical_datum;
   m.heights = raster_->height_kind;
+  m.vertical_operation = raster_->vertical_operation;
   for (const RasterSource& s : raster_->sources) {
-    m.sources.push_back({s.name, s.sha256, s.n_cols, s.n_rows, 0, s.crs});
+    m.sources.push_back({s.name, s.sha256, s.n_cols, s.n_rows, 0, s.crs, s.operation});
   }
 }
 

@@ -172,6 +172,8 @@ int main(int argc, char** argv) {
                                               : tind::BuildOptions::Metres::kAuto;
   raster.resampling = resampling == "cubic" ? tind::Resampling::kCubic : tind::Resampling::kBilinear;
   points.metres_per_unit = raster.metres_per_unit;
+  points.vertical_datum = raster.vertical_datum;
+  points.geoid = raster.geoid;
   const auto filter = tind::parse_class_filter(classes);
   if (!filter) {
     fmt::print(stderr, "tind-build: --class: {}\n", filter.error().message);

@@ -112,8 +112,10 @@ def write_manifest(name, value):
 # Of the first builders: without what came with projected sources, points and lines.
 write_manifest("manifest_first.json", manifest)
 manifest["heights"] = "orthometric"
+manifest["vertical_operation"] = "vgridshift grids=egm96_15.gtx"
 manifest["source_kind"] = "warped"
 manifest["resampling"] = "cubic"
-manifest["sources"][0] |= {"n_points": 17, "crs": "WGS 84 / UTM zone 11N (EPSG:32611)"}
+manifest["sources"][0] |= {"n_points": 17, "crs": "WGS 84 / UTM zone 11N (EPSG:32611)",
+                              "operation": "proj=utm zone=11"}
 manifest["lines"] = {"streams": 5, "shores": 2, "given": 1, "vertices": 321}
 write_manifest("manifest.json", manifest)

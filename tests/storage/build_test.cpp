@@ -71,7 +71,7 @@ class BuildTest : public ::testing::Test {
 
   BuildOptions options(std::vector<std::string> inputs, const std::string& output, int threads = 2) const {
     BuildOptions o;
-    o.inputs = std::move(inputs);
+    o.source.inputs = std::move(inputs);
     o.output = path(output);
     o.threads = threads;
     o.falloff_posts = 12;
@@ -393,7 +393,7 @@ TEST_F(BuildTest, LeavesAnEarlierOutputUntouchedOnFailure) {
   forced.force = true;
   ASSERT_FALSE(build(forced));
   std::atomic<bool> cancel{true};
-  forced.inputs = {input};
+  forced.source.inputs = {input};
   forced.cancel = &cancel;
   ASSERT_FALSE(build(forced));
   EXPECT_EQ(bytes_of("a.tind"), "earlier");

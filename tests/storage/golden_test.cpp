@@ -57,10 +57,11 @@ Manifest manifest_value() {
   m.bounds_deg = {-106, 37, -104, 38};
   m.spacing_deg = {0.25, 0.125};
   m.heights = "orthometric";
+  m.vertical_operation = "vgridshift grids=egm96_15.gtx";
   m.source_kind = "warped";
   m.resampling = "cubic";
   m.lines = {5, 2, 1, 321};
-  m.sources = {{"a.tif", "00ff", 9, 7, 17, "WGS 84 / UTM zone 11N (EPSG:32611)"}};
+  m.sources = {{"a.tif", "00ff", 9, 7, 17, "WGS 84 / UTM zone 11N (EPSG:32611)", "proj=utm zone=11"}};
   m.n_source_posts = 63;
   m.n_filled_posts = 2;
   m.n_falloff_posts = 1000;
@@ -136,11 +137,12 @@ TEST(GoldenV1, ManifestOfTheFirstBuilders) {
   ASSERT_TRUE(decoded) << decoded.error().message;
   Manifest expected = manifest_value();
   expected.heights = "unknown";
+  expected.vertical_operation = "";
   expected.source_kind = "raster";
   expected.resampling = "none";
   expected.lines = {};
   expected.sources[0].n_points = 0;
-  expected.sources[0].crs = "";
+  expected.sources[0].crs = expected.sources[0].operation = "";
   EXPECT_EQ(encode_manifest(*decoded), encode_manifest(expected));
 }
 

@@ -49,7 +49,7 @@ Manifest real_manifest() {
   m.mode = "standard";
   m.lattice.level = 9;
   m.bottom_level = 1;
-  m.sources = {{"a \"quoted\" \n name.tif", "00", 3, 4, 0, ""}};
+  m.sources = {{"a \"quoted\" \n name.tif", "00", 3, 4, 0, "", ""}};
   for (int level = 0; level < 2; ++level) {
     LevelInfo info;
     info.level = level;
