@@ -253,7 +253,7 @@ class Measurement {
       row.tin = *tin;
       row.n_void_points = counts.voids;
       row.n_outside_points = counts.outside;
-      if (is_pictured(row)) take_window(source, level, heights_m);
+      if (heights_m && is_pictured(row)) take_window(source, level, heights_m);
       if (streams) row.tin.streams = streams->match(level);
       warn_of_differences(row);
       if (native && native->size() > 0) {
@@ -285,7 +285,7 @@ class Measurement {
         if (!tick(fmt::format("level {}: bilinear, same number of points", level))) return cancelled();
         row.same_points = measure_raster(shape_for_points(source, row.tin.n_points));
       }
-      report_.levels.push_back(std::move(row));
+      report_.levels.push_back(row);
     }
     return {};
   }
