@@ -11,7 +11,7 @@ namespace tind {
 namespace {
 
 constexpr double kTitleHeight = 30, kLegendRow = 18, kLabelsHeight = 58, kAxisWidth = 52, kRightMargin = 14;
-constexpr double kLegendColumn = 165;
+constexpr std::size_t kLegendColumns = 2;
 constexpr std::string_view kGrid = "#e3e6e8", kAxis = "#8a949b", kInk = "#333f48";
 
 /// The vertical axis: a range of values over a range of y.
@@ -49,8 +49,9 @@ void draw_grid(Svg& svg, const Axis& axis, double left, double right) {
     svg.text({left - 7, axis.y(value) + 4}, name, label);
   };
   if (axis.logarithmic) {
-    for (double power = axis.low; power <= axis.high; ++power)
+    for (int power = static_cast<int>(axis.low); power <= static_cast<int>(axis.high); ++power) {
       line(std::pow(10, power), short_number(std::pow(10, power)));
+    }
   } else {
     for (int i = 0; i <= 5; ++i) line(i / 5.0, fmt::format("{:.1f}", i / 5.0));
   }
@@ -77,11 +78,10 @@ void draw_series(Svg& svg, const ChartSeries& series, const Axis& axis, const st
   }
 }
 
-std::size_t legend_columns(double width) {
-  return std::max<std::size_t>(1, static_cast<std::size_t>((width - kAxisWidth) / kLegendColumn));
+double legend_height(const Chart& chart) {
+  const std::size_t n_rows = (chart.series.size() + kLegendColumns - 1) / kLegendColumns;
+  return static_cast<double>(n_rows) * kLegendRow + 8;
 }
-
-double legend_height(const Chart& chart) { return static_cast<double>((chart.series.size() + 1) / 2) * kLegendRow + 8; }
 
 }  // namespace
 
@@ -100,11 +100,11 @@ void draw_chart(Svg& svg, const Chart& chart, SvgPoint corner, double width, dou
   const double top = corner.y + kTitleHeight + legend_height(chart), bottom = top + plot_height;
   svg.text({corner.x, corner.y + 16}, chart.title, {15, kInk, SvgAnchor::kStart, true});
 
-  const std::size_t columns = std::min<std::size_t>(2, legend_columns(width));
   for (std::size_t k = 0; k < chart.series.size(); ++k) {
     const ChartSeries& s = chart.series[k];
-    const double x = corner.x + static_cast<double>(k % columns) * (width / static_cast<double>(columns));
-    const double y = corner.y + kTitleHeight + 6 + static_cast<double>(k / columns) * kLegendRow;
+    const double x = corner.x + static_cast<double>(k % kLegendColumns) * (width / static_cast<double>(kLegendColumns));
+    const std::size_t legend_row = k / kLegendColumns;
+    const double y = corner.y + kTitleHeight + 6 + static_cast<double>(legend_row) * kLegendRow;
     svg.line({x, y}, {x + 26, y}, {s.colour, 2, s.dashes});
     if (s.markers) svg.circle({x + 13, y}, 3.2, "#ffffff", {s.colour, 2});
     svg.text({x + 33, y + 4}, s.name, {12, kInk});
