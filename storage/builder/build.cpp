@@ -82,11 +82,23 @@ std::string options_to_json(const BuildOptions& options, bool has_points, const 
   return j.dump();
 }
 
+// What would fail at the end is known at the start.
+Result<void> check_lines_out(const BuildOptions& options) {
+  const std::string& path = options.lines.lines_out;
+  if (path.empty()) return {};
+  if (!path.ends_with(".gpkg")) {
+    return fail(ErrorKind::kInvalidInput,
+                path + ": lines are written as a GeoPackage; name it, for example streams.gpkg");
+  }
+  return check_output(path, options.force);
+}
+
 }  // namespace
 
 Result<BuildReport> build_pyramid(const BuildOptions& options, Progress& progress) {
   const auto start = std::chrono::steady_clock::now();
   if (auto checked = check_output(options.output, options.force); !checked) return tl::unexpected(checked.error());
+  if (auto checked = check_lines_out(options); !checked) return tl::unexpected(checked.error());
   progress.update(0, "reading");
   auto source = ElevationSource::open(options.source);
   if (!source) return tl::unexpected(source.error());
@@ -132,11 +144,12 @@ Result<BuildReport> build_pyramid(const BuildOptions& options, Progress& progres
 
   const auto line_start = std::chrono::steady_clock::now();
   if (options.lines.drainage) progress.update(kReadShare, "drainage");
-  const auto lines =
-      make_surface_lines(source->field(), *table, options.lines, scratch_dir, report.threads, options.force);
+  const auto lines = make_surface_lines(source->field(), *table, options.lines, scratch_dir, report.threads);
   if (!lines) return tl::unexpected(lines.error());
   for (const std::string& note : lines->notes) progress.note(note);
   report.drainage = lines->drainage;
+  report.drainage_cells = lines->drainage_cells;
+  report.given = lines->given;
   report.line_seconds = seconds_since(line_start);
   HeightField field = source->field();
   field.pinned = lines->pyramid.vertices();
@@ -165,6 +178,11 @@ Result<BuildReport> build_pyramid(const BuildOptions& options, Progress& progres
   }
   std::error_code code;
   report.file_bytes = std::filesystem::file_size(temporary.path(), code);
+  if (!options.lines.lines_out.empty()) {
+    if (auto written = write_lines(options.lines.lines_out, lines->layers, options.force); !written) {
+      return tl::unexpected(written.error());
+    }
+  }
   if (auto renamed = temporary.rename_to(options.output); !renamed) return tl::unexpected(renamed.error());
   report.seconds = seconds_since(start);
   progress.update(1, "done");

@@ -38,7 +38,9 @@ struct BuildOptions {
 struct BuildReport {
   Manifest manifest;
   SourceCounts counts;
+  std::int64_t drainage_cells = 0;  ///< As used; 0: no drainage.
   DrainageCounts drainage;
+  BreakLineCounts given;  ///< Of the user's lines.
   std::vector<LevelBreakdown> breakdown;
   std::uint64_t file_bytes = 0;
   double seconds = 0;

@@ -35,7 +35,10 @@ std::string report_json(const BuildReport& report) {
                       {"vertices_border", parts.border},
                       {"vertices_seed", info.n_seed_vertices},
                       {"vertices_inherited", parts.inherited},
+                      {"vertices_of_lines", parts.of_lines},
                       {"vertices_inserted", parts.inserted},
+                      {"line_pieces", parts.line_pieces},
+                      {"line_pieces_left_out", parts.left_out},
                       {"vertices_outside", parts.outside},
                       {"triangles", info.n_triangles},
                       {"percent_of_posts", percent_of_posts(info.n_vertices, report)},
@@ -45,6 +48,43 @@ std::string report_json(const BuildReport& report) {
                       {"height_step_m", info.height_step_m},
                       {"bytes", info.bytes},
                       {"seconds", parts.seconds}});
+  }
+  json drainage;
+  if (report.drainage_cells > 0) {
+    const DrainageCounts& d = report.drainage;
+    drainage = {{"cells", report.drainage_cells},
+                {"streams", m.lines.streams},
+                {"shores", m.lines.shores},
+                {"posts", d.posts},
+                {"filled_posts", d.filled_posts},
+                {"flat_posts", d.flat_posts},
+                {"sea_posts", d.sea_posts},
+                {"lakes", d.lakes},
+                {"lake_posts", d.lake_posts},
+                {"basin_posts", d.basin_posts},
+                {"channel_posts", d.channel_posts},
+                {"stream_posts", d.stream_posts},
+                {"deep_posts", d.deep_posts},
+                {"clamped", d.clamped},
+                {"uphill_steps", d.uphill_steps},
+                {"largest_uphill_m", d.largest_uphill_m},
+                {"largest_deviation_m", d.largest_deviation_m},
+                {"stream_deviations", d.deviations_above}};
+  }
+  json given;
+  if (m.lines.given > 0) {
+    const BreakLineCounts& g = report.given;
+    given = {{"features", g.features},
+             {"chains", m.lines.given},
+             {"vertices", g.vertices},
+             {"outside", g.outside},
+             {"cut", g.cut},
+             {"repeated", g.repeated},
+             {"meetings", g.meetings},
+             {"shared", g.shared},
+             {"points_left_out", g.points},
+             {"heights_moved", g.limited},
+             {"largest_move_m", g.largest_change_m}};
   }
   json sources = json::array();
   for (const SourceInfo& s : m.sources) sources.push_back(s.name);
@@ -58,14 +98,19 @@ std::string report_json(const BuildReport& report) {
                 {{"source", report.counts.source},
                  {"filled", report.counts.filled},
                  {"falloff", report.counts.falloff},
+                 {"interpolated", report.counts.interpolated},
+                 {"duplicates", report.counts.duplicates},
                  {"overlapping", report.counts.overlapping},
                  {"disagreeing", report.counts.disagreeing}}},
                {"disagreement_m", m.disagreement_m},
+               {"drainage", std::move(drainage)},
+               {"break_lines", std::move(given)},
                {"levels", std::move(levels)},
                {"file_bytes", report.file_bytes},
                {"threads", report.threads},
                {"seconds", report.seconds},
-               {"read_seconds", report.read_seconds}})
+               {"read_seconds", report.read_seconds},
+               {"line_seconds", report.line_seconds}})
              .dump(2) +
          "\n";
 }
@@ -84,9 +129,25 @@ std::string report_text(const BuildReport& report) {
   out += fmt::format("{} source posts", report.counts.source);
   if (report.counts.filled) out += fmt::format(", {} in interior voids filled smoothly", report.counts.filled);
   out += fmt::format(", {} in the falloff to {} m", report.counts.falloff, m.base_height_m);
+  if (report.counts.duplicates) out += fmt::format(", {} points left out as duplicates", report.counts.duplicates);
   if (report.counts.disagreeing) {
     out += fmt::format("; {} of {} shared posts disagree, by at most {:.2f} m from their mean",
                        report.counts.disagreeing, report.counts.overlapping, m.disagreement_m);
+  }
+  if (report.drainage_cells > 0) {
+    out += fmt::format("\n{} streams from {} posts drained on, {} shores of lakes", m.lines.streams,
+                       report.drainage_cells, m.lines.shores);
+    if (report.drainage.uphill_steps > 0) {
+      out += fmt::format("; {} steps of streams still run uphill, by at most {:.2f} m", report.drainage.uphill_steps,
+                         report.drainage.largest_uphill_m);
+    }
+  }
+  if (m.lines.given > 0) {
+    out += fmt::format("\n{} break lines given", m.lines.given);
+    if (report.given.limited > 0) {
+      out += fmt::format(", {} of their heights moved towards the surface, by at most {:.2f} m", report.given.limited,
+                         report.given.largest_change_m);
+    }
   }
   return out + fmt::format("\n{:.1f} MB in {:.1f} s with {} threads\n", static_cast<double>(report.file_bytes) / 1e6,
                            report.seconds, report.threads);

@@ -12,7 +12,6 @@
 #include "storage/builder/tile_posts.hpp"
 #include "storage/builder/vertex_estimate.hpp"
 
-#include "storage/readers/line_writer.hpp"
 #include "storage/readers/noding.hpp"
 #include "storage/readers/scratch_map.hpp"
 
@@ -144,8 +143,8 @@ Result<void> node_all(Chains& all) {
   return {};
 }
 
-Result<void> write_out(const Lattice& lattice, const LevelTable& table, const LinePyramid& pyramid, const Chains& all,
-                       const std::string& path, bool force) {
+std::vector<OutputLayer> layers_of(const Lattice& lattice, const LevelTable& table, const LinePyramid& pyramid,
+                                   const Chains& all) {
   std::vector<OutputLayer> layers;
   for (int level = 0; level <= table.bottom_level(); ++level) {
     OutputLayer layer{fmt::format("level_{:02}", level), {}};
@@ -165,13 +164,13 @@ Result<void> write_out(const Lattice& lattice, const LevelTable& table, const Li
     }
     if (!layer.lines.empty()) layers.push_back(std::move(layer));
   }
-  return write_lines(path, layers, force);
+  return layers;
 }
 
 }  // namespace
 
 Result<SurfaceLines> make_surface_lines(const HeightField& field, const LevelTable& table, const LineOptions& options,
-                                        const std::string& scratch_dir, int threads, bool force) {
+                                        const std::string& scratch_dir, int threads) {
   SurfaceLines lines;
   Chains all;
   if (options.drainage) {
@@ -196,10 +195,7 @@ Result<SurfaceLines> make_surface_lines(const HeightField& field, const LevelTab
   }
   if (!all.chains.empty()) lines.pyramid = LinePyramid(field.lattice, all.chains, details_of(field, table));
   for (const DrawnLine& line : lines.pyramid.drawn(table.bottom_level())) lines.counts.vertices += line.vertices.size();
-  if (!options.lines_out.empty()) {
-    auto written = write_out(field.lattice, table, lines.pyramid, all, options.lines_out, force);
-    if (!written) return tl::unexpected(written.error());
-  }
+  if (!options.lines_out.empty()) lines.layers = layers_of(field.lattice, table, lines.pyramid, all);
   return lines;
 }
 

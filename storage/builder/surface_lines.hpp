@@ -13,6 +13,7 @@
 #include "core/line_pyramid.hpp"
 #include "core/result.hpp"
 #include "storage/manifest.hpp"
+#include "storage/readers/line_writer.hpp"
 #include "storage/readers/ogr_lines.hpp"
 
 namespace tind {
@@ -45,13 +46,13 @@ struct SurfaceLines {
   DrainageCounts drainage;
   BreakLineCounts given;
   std::vector<BreakLineSource> given_sources;
-  std::vector<std::string> notes;  ///< Lines for the user.
+  std::vector<OutputLayer> layers;  ///< For LineOptions::lines_out, if it names a file: a layer per level.
+  std::vector<std::string> notes;   ///< Lines for the user.
 };
 
 /// Derives streams and shores of the field, reads the user's lines, cuts them all at each other, generalises them with
-/// the level table, and writes them out where asked to (an existing file only with `force`). `scratch_dir`: for the
-/// flow's arrays. kIo, kInvalidInput.
+/// the level table. `scratch_dir`: for the flow's arrays. kIo, kInvalidInput.
 Result<SurfaceLines> make_surface_lines(const HeightField& field, const LevelTable& table, const LineOptions& options,
-                                        const std::string& scratch_dir, int threads, bool force);
+                                        const std::string& scratch_dir, int threads);
 
 }  // namespace tind
