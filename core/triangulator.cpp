@@ -718,18 +718,22 @@ class TileRefiner {
     std::sort(surface.triangles.begin(), surface.triangles.end());
   }
 
-  // Error and RMSE at the source's own posts with west <= X < east, south <= Y < north, each counted once.
+  // Error and RMSE at the source's own posts with west <= X < east, south <= Y < north, each counted once
+  // (docs/format.md 5).
   void measure(TileStats& stats) const {
     double largest = 0, sum = 0;
+    const double end = static_cast<double>(side_) - nudge();
+    // Nothing lies north of the pole: its posts belong to the tiles below it.
+    const bool at_pole = task_.key.y + 1 == TileKey::count_y(task_.key.level);
+    const double end_y = at_pole ? std::numeric_limits<double>::infinity() : end;
     for (const PostWindow& w : windows_) {
       if (w.is_grid()) continue;
       std::vector<bool> seen(static_cast<std::size_t>(w.n_cols * w.n_rows), false);
-      const double end = static_cast<double>(side_) - nudge();
       for (Face f : cdt_.finite_face_handles()) {
         const Plane plane = plane_of(f);
         for_rows(f, w, [&](std::int64_t r, std::int64_t c_first, std::int64_t c_last) {
           const double y = w.y(r);
-          if (y >= end) return;
+          if (y >= end_y) return;
           const float* heights = field_row(w, r);
           const PostOrigin* origins = field_.origins + (heights - field_.heights_m);
           for (std::int64_t c = c_first; c <= c_last; ++c) {
@@ -746,11 +750,10 @@ class TileRefiner {
       }
     }
     std::vector<bool> seen(cells_.points.size(), false);
-    const double end = static_cast<double>(side_) - nudge();
     for (Face f : cdt_.finite_face_handles()) {
       const Plane plane = plane_of(f);
       for_points(f, [&](std::uint32_t k, const TilePoint& p) {
-        if (seen[k] || p.x < -nudge() || p.y < -nudge() || p.x >= end || p.y >= end) return;
+        if (seen[k] || p.x < -nudge() || p.y < -nudge() || p.x >= end || p.y >= end_y) return;
         seen[k] = true;
         const double error = std::abs(plane.at(p.x, p.y) - p.height_m);
         largest = std::max(largest, error);

@@ -66,7 +66,9 @@ std::string make_layer_json(const Manifest& manifest, const std::string& name, c
                               {"tiles", {"{z}/{x}/{y}.terrain?v=" + version}},
                               {"available", std::move(available)},
                               {"extensions", {"octvertexnormals"}},
-                              {"attribution", manifest.attribution}};
+                              {"attribution", manifest.attribution},
+                              {"heights", manifest.heights},
+                              {"vertical_datum", manifest.vertical_datum}};
   return layer.dump();
 }
 

@@ -53,7 +53,8 @@ bool is_outside(const HeightField& field, std::int64_t x, std::int64_t y) {
   if (r < 0 || r >= field.n_rows) return true;
   for (const double turn : {-1.0, 0.0, 1.0}) {
     const double shifted = static_cast<double>(x) + turn * static_cast<double>(field.lattice.width());
-    const std::int64_t c = std::llround((shifted - field.x0) / field.dx);
+    std::int64_t c = std::llround((shifted - field.x0) / field.dx);
+    if (field.wraps && c == field.n_cols) c = 0;  // the seam's eastern half cell
     if (c < 0 || c >= field.n_cols) continue;
     const PostOrigin origin = field.origin_at(r, c);
     if (is_of_source(origin) || origin == PostOrigin::kFilled) return false;

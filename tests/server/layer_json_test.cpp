@@ -47,6 +47,8 @@ TEST(LayerJson, JoinsRunsAndRows) {
 TEST(LayerJson, HasEveryFieldThatAClientNeeds) {
   Manifest manifest;
   manifest.attribution = "someone";
+  manifest.heights = "ellipsoidal";
+  manifest.vertical_datum = "WGS 84";
   manifest.bounds_deg = {1, 2, 3, 4};
   for (int level = 0; level < 3; ++level) {
     LevelInfo info;
@@ -66,6 +68,8 @@ TEST(LayerJson, HasEveryFieldThatAClientNeeds) {
   EXPECT_EQ(layer.at("tiles"), nlohmann::json::array({"{z}/{x}/{y}.terrain?v=abc"}));
   EXPECT_EQ(layer.at("extensions"), nlohmann::json::array({"octvertexnormals"}));
   EXPECT_EQ(layer.at("attribution"), "someone");
+  EXPECT_EQ(layer.at("heights"), "ellipsoidal");
+  EXPECT_EQ(layer.at("vertical_datum"), "WGS 84");
   EXPECT_FALSE(layer.contains("metadataAvailability"));
   ASSERT_EQ(layer.at("available").size(), 3u);
   EXPECT_EQ(layer.at("available")[1], nlohmann::json::parse(R"([{"startX":0,"startY":0,"endX":1,"endY":0}])"));

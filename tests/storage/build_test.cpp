@@ -347,7 +347,7 @@ TEST_F(BuildTest, GivesARowOfPostsOnAPoleOneHeight) {
   ASSERT_TRUE(build(o));
   const Pyramid p = read("a.tind");
   expect_sound(p);
-  for (const LevelInfo& level : p.manifest.levels) EXPECT_EQ(level.n_posts, 60u * 120);  // the north pole is in no tile
+  for (const LevelInfo& level : p.manifest.levels) EXPECT_EQ(level.n_posts, 61u * 120);
 }
 
 TEST_F(BuildTest, KeepsTheToleranceOnSteepDataWithATightOne) {
