@@ -43,10 +43,10 @@ struct RefinementSpec {
 /// Nested one-dimensional greedy refinement (DESIGN "Seams"): the polylines P_L of one stretch for every level from its
 /// own down to the deepest stored, P_L a subset of P_{L+1}, each within the tolerance of every border sample. Border
 /// samples are the crossings with post rows (meridian) or columns (parallel), and the level's own grid where the base
-/// height is. `pins`: lattice coordinates on the line where the parent tile has vertices. `crossings`: where break lines
-/// meet the stretch, ascending in t, each a vertex from its entry level on. `is_split(level, start)`:
-/// whether a tile beside the edge of `level` that starts at `start` has stored children. Returns all vertices,
-/// ascending in t, both ends included. Pure; thread safe.
+/// height is. `pins`: lattice coordinates on the line where the parent tile has vertices. `crossings`: where break
+/// lines meet the stretch, ascending in t, each a vertex from its entry level on. `is_split(level, start)`: whether a
+/// tile beside the edge of `level` that starts at `start` has stored children. Returns all vertices, ascending in t,
+/// both ends included. Pure; thread safe.
 std::vector<LineVertex> refine_root_edge(const HeightField& field, const RefinementSpec& spec, const RootEdge& root,
                                          std::span<const std::int64_t> pins, std::span<const LineCrossing> crossings,
                                          const std::function<bool(int level, std::int64_t start)>& is_split);
