@@ -8,38 +8,17 @@
 
 #include <csignal>
 
-#include "tests/e2e/program.hpp"
 #include "tests/client_checks/test_raster.hpp"
+#include "tests/e2e/build_program.hpp"
 
 namespace tind::test {
 namespace {
 
 using testing::HasSubstr;
-using testing::StartsWith;
 
-class BuildProgram : public testing::Test {
+/// Of plain rasters and of outputs.
+class BuildBasics : public BuildProgram {
  protected:
-  ScratchFolder folder;
-  const std::string output = folder.file("out.tind");
-
-  Finished build(
-      std::vector<std::string> arguments, const std::function<void()>& prepare = [] {}) {
-    arguments.push_back("-q");
-    return run_program("tind-build", arguments, prepare);
-  }
-  /// Failed with one line on stderr that names `word`; no output, nothing else left behind.
-  void expect_refusal(const Finished& finished, const std::string& word) {
-    EXPECT_EQ(finished.status, 1);
-    EXPECT_EQ(count_lines(finished.err), 1u) << finished.err;
-    EXPECT_THAT(finished.err, StartsWith("tind-build: "));
-    EXPECT_THAT(finished.err, HasSubstr(word));
-    EXPECT_EQ(finished.out, "");
-    EXPECT_FALSE(std::filesystem::exists(output));
-    for (const auto& entry : std::filesystem::directory_iterator(folder.path())) {
-      EXPECT_EQ(entry.path().filename().string().find("out.tind"), std::string::npos)
-          << entry.path() << " was left behind";
-    }
-  }
   std::string raster(const RasterPlan& plan = {}) {
     const std::string path = folder.file("in.tif");
     write_raster(path, plan);
@@ -47,14 +26,14 @@ class BuildProgram : public testing::Test {
   }
 };
 
-TEST_F(BuildProgram, BuildsAndSaysSo) {
+TEST_F(BuildBasics, BuildsAndSaysSo) {
   const auto finished = run_program("tind-build", {raster(), "-o", output});
   EXPECT_EQ(finished.status, 0) << finished.err;
   EXPECT_TRUE(std::filesystem::exists(output));
   EXPECT_THAT(finished.out, HasSubstr("level"));
 }
 
-TEST_F(BuildProgram, WrongUsageIsStatus2) {
+TEST_F(BuildBasics, WrongUsageIsStatus2) {
   EXPECT_EQ(run_program("tind-build", {}).status, 2);
   EXPECT_EQ(run_program("tind-build", {raster()}).status, 2) << "no output named";
   EXPECT_EQ(run_program("tind-build", {raster(), "-o", output, "--mode", "odd"}).status, 2);
@@ -62,44 +41,47 @@ TEST_F(BuildProgram, WrongUsageIsStatus2) {
   EXPECT_EQ(run_program("tind-build", {"--help"}).status, 0);
 }
 
-TEST_F(BuildProgram, MissingInput) { expect_refusal(build({folder.file("nowhere.tif"), "-o", output}), "nowhere.tif"); }
+TEST_F(BuildBasics, MissingInput) { expect_refusal(build({folder.file("nowhere.tif"), "-o", output}), "nowhere.tif"); }
 
-TEST_F(BuildProgram, InputThatIsNoRaster) {
+TEST_F(BuildBasics, InputThatIsNoRaster) {
   write_file(folder.file("text.tif"), "this is no raster\n");
   expect_refusal(build({folder.file("text.tif"), "-o", output}), "text.tif");
 }
 
-TEST_F(BuildProgram, TruncatedInput) {
+TEST_F(BuildBasics, TruncatedInput) {
   const std::string path = raster();
   std::filesystem::resize_file(path, std::filesystem::file_size(path) / 2);
   expect_refusal(build({path, "-o", output}), "in.tif");
 }
 
-TEST_F(BuildProgram, EmptyInput) {
+TEST_F(BuildBasics, EmptyInput) {
   write_file(folder.file("empty.tif"), "");
   expect_refusal(build({folder.file("empty.tif"), "-o", output}), "empty.tif");
 }
 
-TEST_F(BuildProgram, RotatedInput) {
+TEST_F(BuildBasics, RotatedRasterIsWarpedAndHolds) {
   RasterPlan plan;
   plan.rotation = 0.002;
-  expect_refusal(build({raster(plan), "-o", output}), "rotated");
+  const std::string input = raster(plan);
+  expect_build({input}, {"--finest", "200"});
+  EXPECT_EQ(manifest().source_kind, "warped");
+  expect_verified({input});
 }
 
-TEST_F(BuildProgram, InputOfVoidsOnly) {
+TEST_F(BuildBasics, InputOfVoidsOnly) {
   RasterPlan plan;
   plan.nodata = -7;
   plan.height_m = [](int, int) { return -7; };
   expect_refusal(build({raster(plan), "-o", output}), "void");
 }
 
-TEST_F(BuildProgram, FolderThatDoesNotExist) {
+TEST_F(BuildBasics, FolderThatDoesNotExist) {
   const auto finished = build({raster(), "-o", folder.file("no/such/folder/out.tind")});
   EXPECT_EQ(finished.status, 1);
   EXPECT_EQ(count_lines(finished.err), 1u) << finished.err;
 }
 
-TEST_F(BuildProgram, FolderThatCannotBeWritten) {
+TEST_F(BuildBasics, FolderThatCannotBeWritten) {
   const std::string closed = folder.file("closed");
   std::filesystem::create_directory(closed);
   std::filesystem::permissions(closed, std::filesystem::perms::owner_read | std::filesystem::perms::owner_exec);
@@ -118,7 +100,7 @@ TEST_F(BuildProgram, FolderThatCannotBeWritten) {
   EXPECT_THAT(finished.err, HasSubstr("closed"));
 }
 
-TEST_F(BuildProgram, OutputThatExistsIsUntouchedWithoutForce) {
+TEST_F(BuildBasics, OutputThatExistsIsUntouchedWithoutForce) {
   write_file(output, "earlier work");
   const auto finished = build({raster(), "-o", output});
   EXPECT_EQ(finished.status, 1);
@@ -129,7 +111,7 @@ TEST_F(BuildProgram, OutputThatExistsIsUntouchedWithoutForce) {
   EXPECT_NE(read_file(output), "earlier work");
 }
 
-TEST_F(BuildProgram, FailureWithForceKeepsTheEarlierOutput) {
+TEST_F(BuildBasics, FailureWithForceKeepsTheEarlierOutput) {
   write_file(output, "earlier work");
   const std::string path = raster();
   std::filesystem::resize_file(path, std::filesystem::file_size(path) / 2);
@@ -137,7 +119,7 @@ TEST_F(BuildProgram, FailureWithForceKeepsTheEarlierOutput) {
   EXPECT_EQ(read_file(output), "earlier work");
 }
 
-TEST_F(BuildProgram, FileSizeLimitIsAFailureThatKeepsTheEarlierOutput) {
+TEST_F(BuildBasics, FileSizeLimitIsAFailureThatKeepsTheEarlierOutput) {
   write_file(output, "earlier work");
   const auto finished = build({raster(), "-o", output, "--force"}, [] {
     const rlimit limit{20'000, 20'000};
@@ -148,7 +130,7 @@ TEST_F(BuildProgram, FileSizeLimitIsAFailureThatKeepsTheEarlierOutput) {
   EXPECT_EQ(read_file(output), "earlier work");
 }
 
-TEST_F(BuildProgram, FullDiskIsAFailure) {
+TEST_F(BuildBasics, FullDiskIsAFailure) {
   const std::string disk = folder.file("disk");
   std::filesystem::create_directory(disk);
   if (mount("tind-e2e", disk.c_str(), "tmpfs", 0, "size=192k") != 0) {
@@ -164,7 +146,7 @@ TEST_F(BuildProgram, FullDiskIsAFailure) {
   EXPECT_FALSE(left_behind);
 }
 
-TEST_F(BuildProgram, ThreadsDoNotChangeTheBytes) {
+TEST_F(BuildBasics, ThreadsDoNotChangeTheBytes) {
   const std::string input = raster();
   ASSERT_EQ(build({input, "-o", folder.file("one.tind"), "--threads", "1", "--finest", "100"}).status, 0);
   ASSERT_EQ(build({input, "-o", folder.file("two.tind"), "--threads", "2", "--finest", "100"}).status, 0);
