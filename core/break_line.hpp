@@ -21,6 +21,7 @@ struct BreakChain {
   std::vector<BreakVertex> vertices;  ///< At least 2; neighbours differ in (x, y). A ring repeats its first at the end.
   int first_level = 0;                ///< The coarsest level that draws the chain; every finer level does, too.
   double weight = 0;                  ///< Where two lines cannot both be drawn the heavier stays.
+  bool in_valley = false;             ///< A stream: drawn off its valley's floor it would be none.
 };
 
 }  // namespace tind

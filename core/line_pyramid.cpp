@@ -55,6 +55,7 @@ class LinePyramidBuilder {
     int first_level = 0;
     double weight = 0;
     std::size_t given = 0;  // index of the chain it came from
+    bool in_valley = false;
   };
 
   // A line as a level draws it: chains joined where nothing else meets them.
@@ -63,6 +64,7 @@ class LinePyramidBuilder {
     std::vector<std::size_t> drawn;  // positions in ids of the vertices that are kept, ascending
     double weight = -1;
     std::size_t chain = 0;  // given chain of that weight
+    bool in_valley = false;
   };
 
   // Two neighbouring kept vertices of a line.
@@ -122,7 +124,8 @@ class LinePyramidBuilder {
       Chain chain{{},
                   std::clamp(piece.chain->first_level, 0, bottom_),
                   piece.chain->weight,
-                  static_cast<std::size_t>(piece.chain - input.data())};
+                  static_cast<std::size_t>(piece.chain - input.data()),
+                  piece.chain->in_valley};
       for (const LatticePoint& p : piece.points) {
         const auto at = std::lower_bound(out_.vertices_.begin(), out_.vertices_.end(), p, before);
         chain.ids.push_back(static_cast<Id>(at - out_.vertices_.begin()));
@@ -219,6 +222,7 @@ class LinePyramidBuilder {
           line.weight = chain.weight;
           line.chain = chain.given;
         }
+        line.in_valley = line.in_valley || chain.in_valley;
         const auto append = [&](auto first, auto last) {
           for (; first != last; ++first) {
             if (line.ids.empty() || line.ids.back() != *first) line.ids.push_back(*first);
@@ -257,6 +261,13 @@ class LinePyramidBuilder {
            (point(a).y == point(b).y && parallel_level_[a] <= level);
   }
 
+  // True iff a -> b -> c stays on one border line. From a meridian to a parallel it does not: b is a corner then, and
+  // what runs along a line for many tiles must not leave it between two corners.
+  bool along_one_border(Id a, Id b, Id c, int level) const {
+    return (point(a).x == point(b).x && point(b).x == point(c).x && meridian_level_[b] <= level) ||
+           (point(a).y == point(b).y && point(b).y == point(c).y && parallel_level_[b] <= level);
+  }
+
   // Keeps the ends, what coarser levels keep, where the line meets a border line of the level, and what the detail asks
   // for (Douglas and Peucker 1973).
   void generalise(int level, Line& line) const {
@@ -266,7 +277,7 @@ class LinePyramidBuilder {
       const Id id = line.ids[k];
       bool pinned = k == 0 || k == last || entry_[id] < level;
       if (!pinned && (meridian_level_[id] <= level || parallel_level_[id] <= level)) {
-        pinned = !on_one_border(line.ids[k - 1], id, level) || !on_one_border(id, line.ids[k + 1], level);
+        pinned = !along_one_border(line.ids[k - 1], id, line.ids[k + 1], level);
       }
       if (pinned) pins.push_back(k);
     }
@@ -288,6 +299,7 @@ class LinePyramidBuilder {
   // The vertex between two kept ones that strays farthest from the segment between them.
   Farthest farthest(const Line& line, std::size_t from, std::size_t to, int level) const {
     const LineDetail& detail = detail_[static_cast<std::size_t>(level)];
+    const double plan_m = line.in_valley ? std::min(detail.plan_m, detail.valley_m) : detail.plan_m;
     const Id a = line.ids[from], b = line.ids[to];
     const double metres = lattice_.step_deg() * std::numbers::pi / 180 * lattice_.ellipsoid.semi_major_m;
     const double shrink = std::cos(lattice_.latitude_deg(point(a).y) * std::numbers::pi / 180);
@@ -301,7 +313,7 @@ class LinePyramidBuilder {
       const double w = length2 > 0 ? std::clamp((x * bx + y * by) / length2, 0.0, 1.0) : 0;
       const double plan = std::hypot(x - w * bx, y - w * by);
       const double height = std::abs(az + w * (bz - az) - lattice_.height_m(point(line.ids[k]).z));
-      const double share = std::max(plan / detail.plan_m, height / detail.height_m);
+      const double share = std::max(plan / plan_m, height / detail.height_m);
       if (share > worst.share) worst = {k, share};
     }
     return worst;
@@ -367,8 +379,21 @@ class LinePyramidBuilder {
       const auto floor_cell = [&](std::int64_t v) { return (v >= 0 ? v : v - cell + 1) / cell; };
       const std::int64_t x0 = floor_cell(std::min(ax, bx)), x1 = floor_cell(std::max(ax, bx));
       const std::int64_t y0 = std::min(point(a).y, point(b).y) / cell, y1 = std::max(point(a).y, point(b).y) / cell;
+      const std::int64_t ay = point(a).y, dy = point(b).y - ay;
+      const double slope = dy == 0 ? 0 : static_cast<double>(bx - ax) / static_cast<double>(dy);
       for (std::int64_t y = y0; y <= y1; ++y) {
-        for (std::int64_t x = x0; x <= x1; ++x) cells.emplace_back(y, ((x % n) + n) % n, k);
+        // A long line meets few of the cells around it: in each row those under it and a step to either side.
+        std::int64_t first = x0, last = x1;
+        if (y0 < y1) {
+          const auto x_at = [&](std::int64_t at) {
+            const std::int64_t on = std::clamp(at, std::min(ay, ay + dy), std::max(ay, ay + dy));
+            return ax + std::llround(slope * static_cast<double>(on - ay));
+          };
+          const auto [low, high] = std::minmax({x_at(y * cell), x_at((y + 1) * cell)});
+          first = std::max(x0, floor_cell(low - 1));
+          last = std::min(x1, floor_cell(high + 1));
+        }
+        for (std::int64_t x = first; x <= last; ++x) cells.emplace_back(y, ((x % n) + n) % n, k);
       }
     }
     std::sort(cells.begin(), cells.end());

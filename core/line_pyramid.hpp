@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <limits>
 #include <span>
 #include <vector>
 
@@ -15,6 +16,7 @@ namespace tind {
 struct LineDetail {
   double plan_m = 0;    ///< Largest horizontal distance of a dropped vertex from the drawn line, metres.
   double height_m = 0;  ///< Largest height difference of a dropped vertex to the drawn line.
+  double valley_m = std::numeric_limits<double>::infinity();  ///< As plan_m, for lines in a valley: the smaller counts.
 };
 
 /// A vertex of a line that lies on a border line: `t` along it, from `entry` on.

@@ -111,7 +111,7 @@ class Analysis {
     counts.deviations_above = from.deviations_above;
     for (const StreamLink& link : network.links) {
       const double cells = static_cast<double>(link.accumulation) / static_cast<double>(kCell);
-      BreakChain chain{lay_out(field_, link.posts), link.first_level, cells};
+      BreakChain chain{lay_out(field_, link.posts), link.first_level, cells, true};
       for (std::size_t k = 0; k < link.posts.size(); ++k) chain.vertices[k].height_m = link.heights_m[k];
       for (const std::int64_t end : {link.posts.front(), link.posts.back()}) {
         if (marks_[end] & kLake) mouths_.push_back(end);

@@ -19,9 +19,9 @@ namespace tind {
 namespace {
 
 // How closely lines are drawn in plan: on a slope of one in two, two tolerances to the side are one in height; beyond a
-// few posts a line would leave its valley (docs/decisions/0007-drainage.md has the figures).
+// few posts a stream would leave its valley (docs/decisions/0007-drainage.md has the figures).
 constexpr double kPlanTolerances = 2;
-constexpr double kMostPlanPosts = 3;
+constexpr double kMostValleyPosts = 3;
 constexpr double kLeastPlanPosts = 0.5;
 
 std::vector<LineDetail> details_of(const HeightField& field, const LevelTable& table) {
@@ -29,9 +29,8 @@ std::vector<LineDetail> details_of(const HeightField& field, const LevelTable& t
       field.dy * field.lattice.step_deg() * std::numbers::pi / 180 * field.lattice.ellipsoid.semi_major_m;
   std::vector<LineDetail> detail;
   for (const LevelSpec& level : table.levels) {
-    const double plan_m =
-        std::clamp(kPlanTolerances * level.tolerance_m, kLeastPlanPosts * post_m, kMostPlanPosts * post_m);
-    detail.push_back({plan_m, level.tolerance_m});
+    const double plan_m = std::max(kPlanTolerances * level.tolerance_m, kLeastPlanPosts * post_m);
+    detail.push_back({plan_m, level.tolerance_m, kMostValleyPosts * post_m});
   }
   return detail;
 }
@@ -132,6 +131,7 @@ Result<void> node_all(Chains& all) {
     for (const std::uint32_t line : piece.lines) {
       const BreakChain& of = all.chains[line];
       chain.first_level = std::min(chain.first_level, of.first_level);
+      chain.in_valley = chain.in_valley || of.in_valley;
       if (of.weight > chain.weight) {
         chain.weight = of.weight;
         heaviest = line;

@@ -11,6 +11,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "tests/support/memory_watch.hpp"
 #include "tests/support/test_field.hpp"
 
 namespace tind::test {
@@ -109,6 +110,25 @@ TEST(LinePyramid, KeepsTheDetailOfEachLevelAndNestsItsVertices) {
   }
   EXPECT_GT(before, 300u);
   EXPECT_LT(before, 2500u);
+}
+
+TEST(LinePyramid, KeepsStreamsInTheirValleys) {
+  const Lattice lattice = test_lattice();
+  BreakChain chain = wander(3, 40'000'123, 18'000'456, 3000, 900, 0.3);
+  std::vector<LineDetail> detail = details();
+  for (LineDetail& d : detail) d.valley_m = 300;
+  const LinePyramid shore(lattice, std::vector{chain}, detail);
+  chain.in_valley = true;
+  const LinePyramid stream(lattice, std::vector{chain}, detail);
+  EXPECT_EQ(shore.drawn(kBottom)[0].vertices.size(), stream.drawn(kBottom)[0].vertices.size());
+  EXPECT_GT(stream.drawn(2)[0].vertices.size(), 5 * shore.drawn(2)[0].vertices.size());
+  for (const BreakVertex& v : chain.vertices) {
+    const auto& line = stream.drawn(2)[0].vertices;
+    double plan = 1e300;
+    for (std::size_t k = 0; k + 1 < line.size(); ++k)
+      plan = std::min(plan, off(lattice, line[k], line[k + 1], v).first);
+    EXPECT_LE(plan, 303);
+  }
 }
 
 TEST(LinePyramid, CutsLinesAtTheBorderLinesOfEachLevel) {
@@ -263,6 +283,58 @@ TEST(LinePyramid, DrawsNoTwoLinesAcrossEachOther) {
     EXPECT_GT(lines.n_dropped(level), 0u) << level;  // the line across is heavier than what it crosses
     EXPECT_LE(lines.n_dropped(level), 40u) << level;
     EXPECT_TRUE(vertices_of(lines, level).contains({30'100'000, 29'900'001}));
+  }
+}
+
+TEST(LinePyramid, StaysWithinATileWhereItTurnsFromOneBorderLineIntoAnother) {
+  // Along a parallel over six tiles, then a little way up a meridian: less than the detail, so the corner alone holds
+  // it.
+  const Lattice lattice = test_lattice();
+  const std::int64_t side = lattice.tile_side(4), x = 20 * side, y = 9 * side;
+  const BreakChain chain{{{x - 6 * side, y, 100}, {x, y, 100}, {x, y + 40, 100}, {x + 30, y + 60, 100}}, 0, 0};
+  const LinePyramid lines(lattice, std::vector{chain}, details());
+  for (int level = 0; level <= kBottom; ++level) {
+    const std::int64_t tile = lattice.tile_side(level);
+    for (const auto& line : polylines(lines, level)) {
+      for (std::size_t k = 0; k + 1 < line.size(); ++k) {
+        const auto [west, east] = std::minmax({line[k].x, line[k + 1].x});
+        const auto [south, north] = std::minmax({line[k].y, line[k + 1].y});
+        const bool on_border = (west == east && west % tile == 0) || (south == north && south % tile == 0);
+        const bool in_tile = east <= (west / tile + 1) * tile && north <= (south / tile + 1) * tile;
+        EXPECT_TRUE(on_border || in_tile) << level << ": " << west << ' ' << south << " to " << east << ' ' << north;
+      }
+    }
+  }
+}
+
+TEST(LinePyramid, FindsCrossingsOfLongLinesInLittleMemory) {
+  const Lattice lattice = test_lattice();
+  const std::vector<LineDetail> fine(kBottom + 1, {1, 1});
+  std::vector<BreakChain> chains;
+  for (int k = 0; k < 60; ++k) {
+    BreakChain chain;
+    for (int end = 0; end < 2; ++end) {
+      chain.vertices.push_back({40'000'000 + static_cast<std::int64_t>(20'000 * noise(8, k, end)),
+                                20'000'000 + static_cast<std::int64_t>(20'000 * noise(9, k, end)), 100});
+    }
+    chain.weight = k;
+    chains.push_back(chain);
+  }
+  reset_largest_request();
+  const LinePyramid lines(lattice, chains, fine);
+  EXPECT_LT(largest_request(), 32u << 20);  // 60 lines through 2500 x 2500 cells
+  EXPECT_GT(lines.n_dropped(kBottom), 20u);
+  std::vector<LineSegment> all;
+  for (const auto& line : polylines(lines, kBottom)) {
+    for (std::size_t k = 0; k + 1 < line.size(); ++k) all.push_back({line[k], line[k + 1]});
+  }
+  EXPECT_GT(all.size(), 5u);
+  for (std::size_t i = 0; i < all.size(); ++i) {
+    for (std::size_t j = i + 1; j < all.size(); ++j) {
+      const auto& [a, b] = all[i];
+      const auto& [c, d] = all[j];
+      EXPECT_FALSE(turn(a, b, c) * turn(a, b, d) < 0 && turn(c, d, a) * turn(c, d, b) < 0) << i << ' ' << j;
+    }
   }
 }
 
