@@ -120,8 +120,11 @@ TEST(LinePyramid, KeepsStreamsInTheirValleys) {
   const LinePyramid shore(lattice, std::vector{chain}, detail);
   chain.in_valley = true;
   const LinePyramid stream(lattice, std::vector{chain}, detail);
-  EXPECT_EQ(shore.drawn(kBottom)[0].vertices.size(), stream.drawn(kBottom)[0].vertices.size());
-  EXPECT_GT(stream.drawn(2)[0].vertices.size(), 5 * shore.drawn(2)[0].vertices.size());
+  const auto size = [](const LinePyramid& lines, int level) {
+    return static_cast<double>(lines.drawn(level)[0].vertices.size());
+  };
+  EXPECT_NEAR(size(shore, kBottom), size(stream, kBottom), 0.02 * size(shore, kBottom));
+  EXPECT_GT(size(stream, 2), 5 * size(shore, 2));
   for (const BreakVertex& v : chain.vertices) {
     const auto& line = stream.drawn(2)[0].vertices;
     double plan = 1e300;
