@@ -125,8 +125,8 @@ TEST(LinePyramid, KeepsStreamsInTheirValleys) {
   };
   EXPECT_NEAR(size(shore, kBottom), size(stream, kBottom), 0.02 * size(shore, kBottom));
   EXPECT_GT(size(stream, 2), 5 * size(shore, 2));
+  const std::vector<LatticePoint> line = stream.drawn(2)[0].vertices;
   for (const BreakVertex& v : chain.vertices) {
-    const auto& line = stream.drawn(2)[0].vertices;
     double plan = 1e300;
     for (std::size_t k = 0; k + 1 < line.size(); ++k)
       plan = std::min(plan, off(lattice, line[k], line[k + 1], v).first);
