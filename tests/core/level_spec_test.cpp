@@ -138,6 +138,36 @@ TEST(LevelSpec, RoundsHeightsAndPostsFinelyEnough) {
   }
 }
 
+TEST(LevelSpec, TakesATableOfTolerancesFromTheBottomUp) {
+  LevelOptions options = at_equator();
+  options.tolerance_m = 8;
+  options.coarser_tolerances_m = {20, 36};
+  const auto t = make_level_table(1.0 / 3600, 1.0 / 3600, options);
+  ASSERT_TRUE(t) << t.error().message;
+  const int bottom = t->bottom_level();
+  const std::vector<double> upwards = {8, 20, 36, 72, 144};
+  for (int k = 0; k < 5; ++k) {
+    EXPECT_EQ(t->levels[static_cast<std::size_t>(bottom - k)].tolerance_m, upwards[static_cast<std::size_t>(k)]) << k;
+  }
+  options.max_level = bottom - 1;
+  EXPECT_EQ(make_level_table(1.0 / 3600, 1.0 / 3600, options)->levels.back().tolerance_m, 20);
+  options = at_equator();
+  options.coarser_tolerances_m = {20};  // of what?
+  EXPECT_FALSE(make_level_table(1.0 / 3600, 1.0 / 3600, options));
+  options.tolerance_m = 20;
+  EXPECT_FALSE(make_level_table(1.0 / 3600, 1.0 / 3600, options));
+}
+
+TEST(LevelSpec, GivesIrregularPostsAFinerLattice) {
+  LevelOptions options = at_equator();
+  const auto grid = make_level_table(1e-5, 1e-5, options);
+  options.irregular_posts = true;
+  const auto points = make_level_table(1e-5, 1e-5, options);
+  ASSERT_TRUE(grid && points);
+  EXPECT_EQ(points->lattice_level, grid->lattice_level + 3);
+  EXPECT_EQ(points->levels.back().tolerance_m, grid->levels.back().tolerance_m);
+}
+
 TEST(LevelSpec, RefusesContradictionsInOneLine) {
   const auto kind_of = [](double lon, double lat, const LevelOptions& options) {
     const auto t = make_level_table(lon, lat, options);
