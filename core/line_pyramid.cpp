@@ -365,9 +365,16 @@ class LinePyramidBuilder {
   std::vector<std::pair<std::size_t, std::size_t>> crossing_pairs(int level, const std::vector<Line>& lines,
                                                                   const std::vector<Segment>& segments) const {
     // Segments stay within a tile (or run along a border), so cells that divide a tile's side need no turn of
-    // longitude.
-    const double metres = lattice_.step_deg() * std::numbers::pi / 180 * lattice_.ellipsoid.semi_major_m;
-    const double wanted = 8 * detail_[static_cast<std::size_t>(level)].plan_m / metres;
+    // longitude. Cells as large as two segments hold few, and few are met by one.
+    double extent = 0, n_drawn = 0;
+    for (const Segment& s : segments) {
+      if (s.dropped) continue;
+      const Id a = lines[s.line].ids[s.from], b = lines[s.line].ids[s.to];
+      extent +=
+          static_cast<double>(std::max(std::abs(unwrapped_x(a, b) - point(a).x), std::abs(point(b).y - point(a).y)));
+      n_drawn += 1;
+    }
+    const double wanted = 2 * extent / std::max(n_drawn, 1.0);
     std::int64_t cell = out_.side_[static_cast<std::size_t>(level)];
     while (cell > 1 && static_cast<double>(cell) > wanted) cell /= 2;
     std::vector<std::tuple<std::int64_t, std::int64_t, std::size_t>> cells;

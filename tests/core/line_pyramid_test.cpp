@@ -2,6 +2,7 @@
 #include "core/line_pyramid.hpp"
 
 #include <algorithm>
+#include <chrono>
 #include <cmath>
 #include <cstdlib>
 #include <map>
@@ -291,10 +292,10 @@ TEST(LinePyramid, DrawsNoTwoLinesAcrossEachOther) {
 
 TEST(LinePyramid, StaysWithinATileWhereItTurnsFromOneBorderLineIntoAnother) {
   // Along a parallel over six tiles, then a little way up a meridian: less than the detail, so the corner alone holds
-  // it.
+  // it. No coarser level has pinned anything.
   const Lattice lattice = test_lattice();
-  const std::int64_t side = lattice.tile_side(4), x = 20 * side, y = 9 * side;
-  const BreakChain chain{{{x - 6 * side, y, 100}, {x, y, 100}, {x, y + 40, 100}, {x + 30, y + 60, 100}}, 0, 0};
+  const std::int64_t side = lattice.tile_side(4), x = 21 * side, y = 9 * side;
+  const BreakChain chain{{{x - 6 * side, y, 100}, {x, y, 100}, {x, y + 40, 100}, {x + 30, y + 60, 100}}, 5, 0};
   const LinePyramid lines(lattice, std::vector{chain}, details());
   for (int level = 0; level <= kBottom; ++level) {
     const std::int64_t tile = lattice.tile_side(level);
@@ -339,6 +340,19 @@ TEST(LinePyramid, FindsCrossingsOfLongLinesInLittleMemory) {
       EXPECT_FALSE(turn(a, b, c) * turn(a, b, d) < 0 && turn(c, d, a) * turn(c, d, b) < 0) << i << ' ' << j;
     }
   }
+}
+
+TEST(LinePyramid, TakesTimeByTheLengthOfItsSegmentsNotByTheDetail) {
+  // Many short lines, no detail to speak of: pairs of all with all would take minutes.
+  std::vector<BreakChain> chains;
+  for (int k = 0; k < 40'000; ++k) {
+    const std::int64_t x = 40'000'000 + 400 * (k % 200), y = 20'000'000 + 400 * (k / 200);
+    chains.push_back({{{x, y, 100}, {x + 300, y + 90, 90}}, 0, 0});
+  }
+  const auto start = std::chrono::steady_clock::now();
+  const LinePyramid lines(test_lattice(), chains, details(1e5, 1e5));
+  EXPECT_LT(std::chrono::steady_clock::now() - start, std::chrono::seconds(10));
+  EXPECT_GE(lines.n_segments(kBottom), chains.size());
 }
 
 TEST(LinePyramid, IsTheSameEveryTime) {
