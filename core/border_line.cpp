@@ -5,6 +5,7 @@
 #include <array>
 #include <cassert>
 #include <cmath>
+#include <optional>
 
 #include "core/format/quantized_mesh.hpp"
 
@@ -165,6 +166,21 @@ class RootEdgeRefiner {
 
   // Greedy insertion between a and b: worst sample first, then both halves. Appends what it inserts, in order.
   void split(int level, const LineVertex& a, const LineVertex& b, std::vector<LineVertex>& out) const {
+    LineVertex left = a;
+    std::vector<LineVertex> ends = {b};  // no recursion: halves may be as uneven as the samples wish
+    while (!ends.empty()) {
+      if (const auto middle = worst_between(level, left, ends.back())) {
+        ends.push_back(*middle);
+        continue;
+      }
+      left = ends.back();
+      ends.pop_back();
+      if (!ends.empty()) out.push_back(left);
+    }
+  }
+
+  // A vertex at the worst sample between a and b, if one is beyond the tolerance.
+  std::optional<LineVertex> worst_between(int level, const LineVertex& a, const LineVertex& b) const {
     const double tolerance = spec_.tolerance_m[static_cast<std::size_t>(level)];
     const double a_t = static_cast<double>(a.t), b_t = static_cast<double>(b.t);
     const double a_m = field_.lattice.height_m(a.z), b_m = field_.lattice.height_m(b.z);
@@ -209,11 +225,8 @@ class RootEdgeRefiner {
         if (!field_.covers(x_of(real_t), y_of(real_t))) consider(real_t, base, 0, 0);
       }
     }
-    if (!found) return;
-    const LineVertex middle = make_vertex(worst_t, level);
-    split(level, a, middle, out);
-    out.push_back(middle);
-    split(level, middle, b, out);
+    if (!found) return std::nullopt;
+    return make_vertex(worst_t, level);
   }
 
   const HeightField& field_;

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "core/border_line.hpp"
 
+#include <pthread.h>
+
 #include <algorithm>
 #include <cmath>
 #include <map>
@@ -204,6 +206,34 @@ TEST(BorderLine, FollowsTheBaseOutsideTheGridToo) {
           << level << ' ' << t;
     }
   }
+}
+
+TEST(BorderLine, NeedsNoStackThatGrowsWithItsSamples) {
+  // A saw whose teeth shrink: the worst sample is always the one beside the last vertex.
+  GridPlace place = place_over(kLevel, kTile.x, kTile.y, kLatticeLevel, 131.3, 3);
+  place.n_cols = 70;
+  const TestField f(
+      place, [n = place.n_rows](auto r, auto) { return (r % 2 == 0 ? 0.5 : -0.5) * static_cast<double>(n - r); });
+  struct Work {
+    const HeightField& field;
+    std::size_t n_vertices = 0;
+  } work{f.field};
+  pthread_attr_t attributes;
+  ASSERT_EQ(pthread_attr_init(&attributes), 0);
+  ASSERT_EQ(pthread_attr_setstacksize(&attributes, 256 << 10), 0);
+  pthread_t thread{};
+  const auto run = [](void* at) -> void* {
+    Work& to = *static_cast<Work*>(at);
+    RootEdge root = west_side(to.field);
+    root.at += 4000;
+    const RefinementSpec spec = spec_from(kLevel, 1, 1, to.field.lattice);
+    to.n_vertices = refine_root_edge(to.field, spec, root, {}, {}, [](int, std::int64_t) { return false; }).size();
+    return nullptr;
+  };
+  ASSERT_EQ(pthread_create(&thread, &attributes, run, &work), 0);
+  ASSERT_EQ(pthread_join(thread, nullptr), 0);
+  pthread_attr_destroy(&attributes);
+  EXPECT_GT(work.n_vertices, 3500u);
 }
 
 TEST(Envelope, BoundsThePolylinesOfAllFinerLevelsTightly) {
