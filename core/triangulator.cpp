@@ -341,7 +341,7 @@ class TileRefiner {
       insert_vertex_info(v, p, 0);
       hint = v->face();
     }
-    for (const auto& piece : task_.constraints) insert_constraint(piece);
+    for (const auto& piece : task_.constraints) hint = insert_constraint(piece, hint);
     lead_constraints_through_vertices();
   }
 
@@ -360,6 +360,16 @@ class TileRefiner {
   // nothing holds the surface at the post. Such a constraint runs through the vertex instead.
   static constexpr double kBesideSteps = 1.5;
 
+  // Whether both ways to w are shorter than a -> b. Led through such vertices alone, constraints come to an end; three
+  // vertices a step or two apart would else hand one round for ever.
+  static bool is_shortened_by(Vertex a, Vertex b, Vertex w) {
+    const auto length2 = [](Vertex p, Vertex q) {
+      const std::int64_t dx = p->info().x - q->info().x, dy = p->info().y - q->info().y;
+      return Int128{dx} * dx + Int128{dy} * dy;
+    };
+    return std::max(length2(a, w), length2(w, b)) < length2(a, b);
+  }
+
   void lead_constraints_through_vertices() {
     std::vector<std::pair<Vertex, Vertex>> open;
     for (const Cdt::Edge& e : cdt_.finite_edges()) {
@@ -375,7 +385,8 @@ class TileRefiner {
       if (!cdt_.is_edge(a, b, f, i) || !f->is_constrained(i)) continue;
       for (int beside = 0; beside < 2; ++beside) {
         const Vertex w = f->vertex(i);
-        if (!cdt_.is_infinite(w) && distance_to_edge(f, i, w->info().x, w->info().y) < kBesideSteps) {
+        if (!cdt_.is_infinite(w) && distance_to_edge(f, i, w->info().x, w->info().y) < kBesideSteps &&
+            is_shortened_by(a, b, w)) {
           cdt_.remove_constrained_edge(f, i);
           for (const Vertex end : {a, b}) {
             constrain(end, w);
@@ -424,18 +435,20 @@ class TileRefiner {
     f->set_constraint(i, true);
   }
 
-  void insert_constraint(const std::array<LocalVertex, 2>& piece) {
+  // Returns a face at the end of the piece: the next piece of a line starts there.
+  Face insert_constraint(const std::array<LocalVertex, 2>& piece, Face hint) {
     std::array<Vertex, 2> ends;
     for (std::size_t i = 0; i < 2; ++i) {
       const LocalVertex& p = piece[i];
       const bool is_known = used_.contains({p.x, p.y});
       assert((is_known || (p.x > 0 && p.y > 0 && p.x < side_ && p.y < side_)) && "a border vertex born inside");
-      ends[i] = insert_point(p.x, p.y, i == 0 ? Face() : ends[0]->face());
+      ends[i] = insert_point(p.x, p.y, i == 0 ? hint : ends[0]->face());
       if (is_known) continue;
       insert_vertex_info(ends[i], p, 0);
       ++n_of_lines_;
     }
     if (ends[0] != ends[1] && !constrain(ends[0], ends[1])) ++n_left_out_;
+    return ends[1]->face();
   }
 
   static bool morton_before(const LocalVertex& a, const LocalVertex& b) {

@@ -165,6 +165,20 @@ TEST(Triangulator, LeadsALineThroughAPostThatItNearlyMeets) {
   }
 }
 
+TEST(Triangulator, ComesToAnEndWhereALineAndAVertexAreStepsApart) {
+  // Of these three each lies beside the way between the two others: nothing is gained by leading the line around.
+  const TestField f = field_over([](auto, auto) { return 50.0; });
+  const std::int64_t x = f.field.lattice.tile_side(kTile.level) / 2 + 700;
+  TestTile tile = make_task(f.field, spec_from(kTile.level, 20, kFiner, f.field.lattice), kTile);
+  const std::int32_t z = f.field.lattice.height_from_m(50);
+  const LocalVertex a{x, x, z}, b{x + 2, x + 1, z}, beside{x + 1, x + 2, z};
+  tile.task.initial = {beside};
+  tile.task.constraints = {{a, b}};
+  tile.surface = triangulate(f.field, tile.task);
+  EXPECT_EQ(tile.surface.interior, (std::vector<LocalVertex>{a, b, beside}));
+  EXPECT_EQ(tile.surface.n_left_out, 0u);
+}
+
 TEST(Triangulator, GivesAFlatTileTwoTriangles) {
   TestTile tile;
   EXPECT_EQ(triangulate_and_check(field_over([](auto, auto) { return 12.25; }), 5, &tile), "");
