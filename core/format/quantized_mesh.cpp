@@ -61,7 +61,7 @@ std::optional<HeightRange> find_range(double low, double high, double range, dou
   return best;
 }
 
-// `used`: vertices that some triangle has; the others have no say in the range.
+// `used`: vertices that some triangle has. The range is the tile's and holds the others, too.
 std::optional<Heights> quantize_heights(const Lattice& lattice, const VirtualNode& node, const std::vector<bool>& used,
                                         double border_step_m) {
   std::size_t n_ring = 4;
@@ -72,7 +72,6 @@ std::optional<Heights> quantize_heights(const Lattice& lattice, const VirtualNod
   for (std::size_t v = 0; v < h.size(); ++v) {
     h[v] = lattice.height_m(node.vertices[v].z);
     if (v < n_ring) h[v] = round_to_step(h[v], border_step);
-    if (!used[v]) continue;
     low = std::min(low, h[v]);
     high = std::max(high, h[v]);
   }

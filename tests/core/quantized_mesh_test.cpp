@@ -407,6 +407,22 @@ TEST(QuantizedMesh, FlatTileHasEqualMinimumAndMaximum) {
   for (const auto v : d.q) EXPECT_EQ(v, 0);
 }
 
+TEST(QuantizedMesh, RangeHoldsBorderVerticesThatRoundingMergedToo) {
+  const Lattice lattice = make_lattice(5, 8);
+  MeshMaker maker(lattice.tile_side(5), 3);
+  maker.insert(500, 0, 1000 * 256);
+  maker.insert(501, 0, 900 * 256);  // rounds to the same step as its neighbour, which stays
+  VirtualNode node = maker.node({5, 3, 2});
+  for (std::size_t c = 0; c < node.vertices.size(); ++c) {
+    if (node.vertices[c].z != 900 * 256) node.vertices[c].z = 1000 * 256;
+  }
+  const Decoded d = encode_and_decode(lattice, node, 1.0);
+  expect_valid(d);
+  EXPECT_EQ(d.u.size() + 1, node.vertices.size());
+  EXPECT_LE(d.minimum, 900);
+  EXPECT_GE(d.maximum, 1000);
+}
+
 TEST(QuantizedMesh, RangeBeyondTheStepIsRefused) {
   const Lattice lattice = make_lattice(5, 4);
   MeshMaker maker(lattice.tile_side(3), 1);
