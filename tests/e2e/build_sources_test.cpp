@@ -30,7 +30,7 @@ class BuildSources : public BuildProgram {
     plan.n_columns = 320;
     plan.n_rows = 300;
     plan.height = hills;
-    const std::string path = folder.file("utm.tif");
+    std::string path = folder.file("utm.tif");
     write_projected(path, plan);
     return path;
   }
@@ -41,7 +41,8 @@ class BuildSources : public BuildProgram {
     plan.y_offset = 3800000;
     plan.records = {shorts_record({1, 1, 0, 3, 1024, 0, 1, 1, 1025, 0, 1, 1, 3072, 0, 1, 32611})};
     for (unsigned k = 0; k < kPoints; ++k) {
-      const double x = 400000 + 8 * (k % 120) + 0.07 * (k % 13), y = 3800000 + 8 * (k / 120) + 0.05 * (k % 17);
+      const unsigned row = k / 120, column = k % 120;
+      const double x = 400000 + 8.0 * column + 0.07 * (k % 13), y = 3800000 + 8.0 * row + 0.05 * (k % 17);
       const bool canopy = k % 7 == 3;
       plan.points.push_back({x, y, hills(x, y) / 10 + (canopy ? 20 : 0), std::uint8_t(canopy ? 5 : 2), false});
     }

@@ -50,7 +50,10 @@ class ElevationSourceTest : public ::testing::Test {
   std::string points() const {
     std::ofstream out(path("points.csv"));
     out << "lon,lat,height\n";
-    for (int k = 0; k < 400; ++k) out << fmt::format("{:.7f},{:.7f},{}\n", 10 + k % 20 * 1e-4, 45 + k / 20 * 1e-4, 250);
+    for (int row = 0; row < 20; ++row) {
+      for (int column = 0; column < 20; ++column)
+        out << fmt::format("{:.7f},{:.7f},250\n", 10 + column * 1e-4, 45 + row * 1e-4);
+    }
     out << "10.0005,45.0005,300\n";
     return path("points.csv");
   }
