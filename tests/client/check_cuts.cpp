@@ -106,6 +106,10 @@ void check_cuts(Run& run) {
     const std::lock_guard lock(run.figures_mutex);
     merge(run.report.cuts, figures);
   });
+  Check& errors = run.check("cut-error");
+  if (run.posts != nullptr && can_divide && errors.count() == 0 && errors.failures() == 0) {
+    errors.skip("no post lies in a virtual triangle that these cuts re-triangulate");
+  }
 }
 
 }  // namespace tind::client
