@@ -12,7 +12,7 @@
 #include <cmath>
 #include <limits>
 #include <queue>
-#include <unordered_set>
+#include <unordered_map>
 
 #include "core/format/quantized_mesh.hpp"
 
@@ -305,7 +305,7 @@ class TileRefiner {
 
   void insert_vertex_info(Vertex v, const LocalVertex& p, std::uint32_t index) {
     v->info() = {p.x, p.y, p.z, index};
-    used_.insert({p.x, p.y});
+    used_.emplace(std::pair{p.x, p.y}, v);
   }
 
   Vertex insert_point(std::int64_t x, std::int64_t y, Face hint) {
@@ -332,16 +332,14 @@ class TileRefiner {
         hint = v->face();
       }
     }
-    std::vector<LocalVertex> initial = task_.initial;
-    std::sort(initial.begin(), initial.end(), morton_before);
-    for (const LocalVertex& p : initial) {
-      assert(p.x > 0 && p.y > 0 && p.x < side_ && p.y < side_);
-      if (used_.contains({p.x, p.y})) continue;
-      const Vertex v = insert_point(p.x, p.y, hint);
-      insert_vertex_info(v, p, 0);
-      hint = v->face();
+    insert_inside(task_.initial, hint);
+    std::vector<LocalVertex> ends;  // all first: the heaviest lines lie far apart
+    for (const auto& piece : task_.constraints) ends.insert(ends.end(), piece.begin(), piece.end());
+    n_of_lines_ = insert_inside(std::move(ends), hint);
+    for (const auto& [a, b] : task_.constraints) {
+      const Vertex from = used_.at({a.x, a.y}), to = used_.at({b.x, b.y});
+      if (from != to && !constrain(from, to)) ++n_left_out_;
     }
-    for (const auto& piece : task_.constraints) hint = insert_constraint(piece, hint);
     lead_constraints_through_vertices();
   }
 
@@ -435,20 +433,19 @@ class TileRefiner {
     f->set_constraint(i, true);
   }
 
-  // Returns a face at the end of the piece: the next piece of a line starts there.
-  Face insert_constraint(const std::array<LocalVertex, 2>& piece, Face hint) {
-    std::array<Vertex, 2> ends;
-    for (std::size_t i = 0; i < 2; ++i) {
-      const LocalVertex& p = piece[i];
-      const bool is_known = used_.contains({p.x, p.y});
-      assert((is_known || (p.x > 0 && p.y > 0 && p.x < side_ && p.y < side_)) && "a border vertex born inside");
-      ends[i] = insert_point(p.x, p.y, i == 0 ? hint : ends[0]->face());
-      if (is_known) continue;
-      insert_vertex_info(ends[i], p, 0);
-      ++n_of_lines_;
+  // Inserts the points that are not there yet, near ones one after another; returns how many.
+  std::uint64_t insert_inside(std::vector<LocalVertex> points, Face& hint) {
+    std::stable_sort(points.begin(), points.end(), morton_before);
+    std::uint64_t n = 0;
+    for (const LocalVertex& p : points) {
+      if (used_.contains({p.x, p.y})) continue;
+      assert(p.x > 0 && p.y > 0 && p.x < side_ && p.y < side_ && "a border vertex born inside");
+      const Vertex v = insert_point(p.x, p.y, hint);
+      insert_vertex_info(v, p, 0);
+      hint = v->face();
+      ++n;
     }
-    if (ends[0] != ends[1] && !constrain(ends[0], ends[1])) ++n_left_out_;
-    return ends[1]->face();
+    return n;
   }
 
   static bool morton_before(const LocalVertex& a, const LocalVertex& b) {
@@ -788,7 +785,7 @@ class TileRefiner {
   double served_rounding_m_ = 0;  // of inner heights
   std::uint32_t n_ring_ = 0;
   std::uint64_t n_inserted_ = 0, n_of_lines_ = 0, n_left_out_ = 0;
-  std::unordered_set<std::pair<std::int64_t, std::int64_t>, PositionHash> used_;
+  std::unordered_map<std::pair<std::int64_t, std::int64_t>, Vertex, PositionHash> used_;
   std::priority_queue<Candidate> heap_;
 };
 
