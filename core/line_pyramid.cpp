@@ -210,6 +210,12 @@ class LinePyramidBuilder {
       nodes[chains_[k].ids.front()].push_back({k, false});
       nodes[chains_[k].ids.back()].push_back({k, true});
     }
+    // Streams go on downstream only: two that end in one post stay two.
+    const auto joins = [&](Id node) {
+      const std::vector<End>& ends = nodes.at(node);
+      if (ends.size() != 2) return false;
+      return ends[0].at_end != ends[1].at_end || !chains_[ends[0].chain].in_valley || !chains_[ends[1].chain].in_valley;
+    };
     std::vector<bool> used(chains_.size(), false);
     std::vector<Line> lines;
     const auto follow = [&](std::size_t start, bool forward) {
@@ -233,8 +239,8 @@ class LinePyramidBuilder {
         } else {
           append(chain.ids.rbegin(), chain.ids.rend());
         }
+        if (!joins(line.ids.back())) break;
         const std::vector<End>& ends = nodes.at(line.ids.back());
-        if (ends.size() != 2) break;
         const End& next = ends[0].chain == k && ends[0].at_end == forward ? ends[1] : ends[0];
         if (used[next.chain]) break;
         k = next.chain;
@@ -244,9 +250,9 @@ class LinePyramidBuilder {
     };
     for (std::size_t k = 0; k < chains_.size(); ++k) {
       if (chains_[k].first_level > level || used[k]) continue;
-      if (nodes.at(chains_[k].ids.front()).size() != 2) {
+      if (!joins(chains_[k].ids.front())) {
         follow(k, true);
-      } else if (nodes.at(chains_[k].ids.back()).size() != 2) {
+      } else if (!joins(chains_[k].ids.back())) {
         follow(k, false);
       }
     }

@@ -31,6 +31,9 @@ Result<void> check_output(const std::string& output_name, bool force) {
   if (!fs::is_directory(folder, code)) {
     return fail(ErrorKind::kInvalidInput, folder.string() + ": no such folder; make it first");
   }
+  if (::access(folder.c_str(), W_OK | X_OK) != 0) {
+    return fail(ErrorKind::kIo, folder.string() + ": cannot be written: " + std::strerror(errno));
+  }
   if (fs::is_directory(output, code)) {
     return fail(ErrorKind::kInvalidInput,
                 output_name + ": is a folder; name a file, for example " + (output / "terrain.tind").string());

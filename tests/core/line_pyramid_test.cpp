@@ -209,6 +209,16 @@ TEST(LinePyramid, DrawsATributaryFromItsLevelOnAndJoinsTheStemAbove) {
   EXPECT_EQ(polylines(lines, 6).size(), 3u);
 }
 
+TEST(LinePyramid, KeepsStreamsThatEndInOnePostApart) {
+  const Lattice lattice = test_lattice();
+  const std::int64_t x = 40'001'000, y = 30'001'000;
+  const std::vector<BreakChain> chains = {{{{x, y, 300}, {x + 1000, y, 200}}, 0, 8, true},
+                                          {{{x + 2000, y, 250}, {x + 1000, y, 200}}, 0, 9, true}};
+  const LinePyramid lines(lattice, chains, details());
+  ASSERT_EQ(polylines(lines, kBottom).size(), 2u);
+  for (const auto& line : polylines(lines, kBottom)) EXPECT_EQ(line.back().x, x + 1000);
+}
+
 TEST(LinePyramid, CrossesLongitude180) {
   const Lattice lattice = test_lattice();
   const std::int64_t width = lattice.width(), side = lattice.tile_side(4), y = 5 * side + 1000;
