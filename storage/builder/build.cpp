@@ -90,6 +90,9 @@ Result<void> check_lines_out(const BuildOptions& options) {
     return fail(ErrorKind::kInvalidInput,
                 path + ": lines are written as a GeoPackage; name it, for example streams.gpkg");
   }
+  if (path == options.output) {
+    return fail(ErrorKind::kInvalidInput, path + ": the pyramid and its lines need a file each");
+  }
   return check_output(path, options.force);
 }
 

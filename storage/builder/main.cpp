@@ -145,7 +145,7 @@ int main(int argc, char** argv) {
       ->type_name("FILE.gpkg")
       ->group(kLineGroup);
   app.add_option("--base-height", options.base_height_m, "Height of the surface far outside the data, metres")
-      ->check(CLI::Range(-12000.0, 100000.0))
+      ->check(CLI::Range(-tind::kMaxHeightM, tind::kMaxHeightM))
       ->type_name("M")
       ->capture_default_str();
   app.add_option("--falloff", options.falloff_posts, "Posts over which the surface falls to the base height")

@@ -32,7 +32,7 @@ Result<void> check_output(const std::string& output_name, bool force) {
     return fail(ErrorKind::kInvalidInput, folder.string() + ": no such folder; make it first");
   }
   if (::access(folder.c_str(), W_OK | X_OK) != 0) {
-    return fail(ErrorKind::kIo, folder.string() + ": cannot be written: " + std::strerror(errno));
+    return fail(ErrorKind::kIo, output_name + ": its folder cannot be written: " + std::strerror(errno));
   }
   if (fs::is_directory(output, code)) {
     return fail(ErrorKind::kInvalidInput,

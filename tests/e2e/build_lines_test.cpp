@@ -209,6 +209,14 @@ TEST_F(BuildLines, LinesThatCannotBeWrittenFailTheBuild) {
   EXPECT_TRUE(std::filesystem::is_empty(closed));
 }
 
+TEST_F(BuildLines, PyramidAndLinesNeedAFileEach) {
+  const std::string one = folder.file("one.gpkg");
+  const auto finished = build({input, "-o", one, "--drainage-out", one});
+  EXPECT_EQ(finished.status, 1);
+  EXPECT_THAT(finished.err, testing::HasSubstr("a file each"));
+  EXPECT_FALSE(std::filesystem::exists(one));
+}
+
 TEST_F(BuildLines, ToleranceIsATableFromTheBottomUp) {
   expect_build({input}, {"--tolerance", "8,16,40"});
   const Manifest m = manifest();
