@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "storage/builder/border_lines.hpp"
 
+#include <algorithm>
+
 namespace tind {
 
 void BorderLines::add(const RootEdge& root, std::vector<LineVertex> vertices) {
@@ -31,6 +33,24 @@ std::span<const LineVertex> BorderLines::border(const TileKey& tile, int b) cons
     default:
       return side(true, tile.level, tile.x, tile.y);
   }
+}
+
+void set_border(const Lattice& lattice, std::span<const LineVertex> part, int b, TileTask& task) {
+  const std::int64_t side = lattice.tile_side(task.key.level), origin = part.front().t;
+  auto& border = task.borders[static_cast<std::size_t>(b)];
+  for (const LineVertex& v : part) {
+    if (v.entry > task.key.level) continue;
+    const std::int64_t t = v.t - origin;
+    border.push_back(b == 0   ? LocalVertex{t, 0, v.z}
+                     : b == 1 ? LocalVertex{side, t, v.z}
+                     : b == 2 ? LocalVertex{t, side, v.z}
+                              : LocalVertex{0, t, v.z});
+  }
+  if (b >= 2) std::reverse(border.begin(), border.end());
+  border.pop_back();  // the next corner belongs to the next border
+  auto& envelope = task.envelopes[static_cast<std::size_t>(b)];
+  envelope = envelope_of(part, task.key.level, lattice);
+  for (EnvelopeKnot& knot : envelope) knot.t -= static_cast<double>(origin);
 }
 
 }  // namespace tind

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "core/border_line.hpp"
+#include "core/triangulator.hpp"
 
 namespace tind {
 
@@ -38,5 +39,9 @@ class BorderLines {
   const Lattice& lattice_;
   std::unordered_map<Key, std::vector<LineVertex>, KeyHash> lines_;
 };
+
+/// Sets border b (ring order) of a tile's task and its envelope. `part`: all vertices of any level on that side, in
+/// stored direction; those of the tile's own level make the ring.
+void set_border(const Lattice& lattice, std::span<const LineVertex> part, int b, TileTask& task);
 
 }  // namespace tind

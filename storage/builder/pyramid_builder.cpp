@@ -171,24 +171,7 @@ class PyramidBuilder {
     task.key = key;
     task.tolerance_m = spec_.tolerance_m[key.level];
     task.height_step_m = spec_.height_step_m[key.level];
-    for (int b = 0; b < 4; ++b) {
-      const std::span<const LineVertex> part = borders_.border(key, b);
-      const std::int64_t origin = part.front().t;
-      auto& border = task.borders[static_cast<std::size_t>(b)];
-      for (const LineVertex& v : part) {
-        if (v.entry > key.level) continue;
-        const std::int64_t t = v.t - origin;
-        border.push_back(b == 0   ? LocalVertex{t, 0, v.z}
-                         : b == 1 ? LocalVertex{side, t, v.z}
-                         : b == 2 ? LocalVertex{t, side, v.z}
-                                  : LocalVertex{0, t, v.z});
-      }
-      if (b >= 2) std::reverse(border.begin(), border.end());
-      border.pop_back();  // the next corner belongs to the next border
-      auto& envelope = task.envelopes[static_cast<std::size_t>(b)];
-      envelope = envelope_of(part, key.level, field_.lattice);
-      for (EnvelopeKnot& knot : envelope) knot.t -= static_cast<double>(origin);
-    }
+    for (int b = 0; b < 4; ++b) set_border(field_.lattice, borders_.border(key, b), b, task);
     // The parent's vertices inside this quarter; those on the middle lines are on the border.
     const std::int64_t dx = key.x % 2 ? side : 0, dy = key.y % 2 ? side : 0;
     for (const LocalVertex& v : inherited) {

@@ -11,7 +11,6 @@
 
 #include "storage/builder/tile_posts.hpp"
 #include "storage/builder/vertex_estimate.hpp"
-
 #include "storage/readers/noding.hpp"
 #include "storage/readers/scratch_map.hpp"
 
@@ -24,9 +23,13 @@ constexpr double kPlanTolerances = 2;
 constexpr double kMostValleyPosts = 3;
 constexpr double kLeastPlanPosts = 0.5;
 
+// Metres between post rows.
+double post_spacing_m(const HeightField& field) {
+  return field.dy * field.lattice.step_deg() * std::numbers::pi / 180 * field.lattice.ellipsoid.semi_major_m;
+}
+
 std::vector<LineDetail> details_of(const HeightField& field, const LevelTable& table) {
-  const double post_m =
-      field.dy * field.lattice.step_deg() * std::numbers::pi / 180 * field.lattice.ellipsoid.semi_major_m;
+  const double post_m = post_spacing_m(field);
   std::vector<LineDetail> detail;
   for (const LevelSpec& level : table.levels) {
     const double plan_m = std::max(kPlanTolerances * level.tolerance_m, kLeastPlanPosts * post_m);
@@ -46,8 +49,7 @@ void choose_sizes(const HeightField& field, const LevelTable& table, const LineO
   if (options.drainage_cells && options.lake_area_m2) return;
   std::int64_t n_posts = 0;
   double area_m2 = 0;
-  const double post_m =
-      field.dy * field.lattice.step_deg() * std::numbers::pi / 180 * field.lattice.ellipsoid.semi_major_m;
+  const double post_m = post_spacing_m(field);
   for (std::int64_t r = 0; r < field.n_rows; ++r) {
     std::int64_t n = 0;
     for (std::int64_t c = 0; c < field.n_cols; ++c) n += is_of_source(field.origin_at(r, c));

@@ -7,6 +7,7 @@
 
 #include "core/border_line.hpp"
 #include "core/triangulator.hpp"
+#include "storage/builder/border_lines.hpp"
 #include "storage/builder/ordered_pipeline.hpp"
 #include "storage/builder/plan.hpp"
 #include "storage/builder/tile_posts.hpp"
@@ -29,17 +30,8 @@ double vertices_of(const HeightField& field, const RefinementSpec& spec, const T
     RootEdge root{vertical, key.level, 0, vertical ? south : west};
     root.at = b == 0 ? south : b == 1 ? (west + side) % field.lattice.width() : b == 2 ? south + side : west;
     const auto line = refine_root_edge(field, spec, root, {}, {}, [](int, std::int64_t) { return false; });
-    auto& border = task.borders[static_cast<std::size_t>(b)];
-    for (const LineVertex& v : line) {
-      const std::int64_t t = v.t - root.start;
-      border.push_back(vertical ? LocalVertex{b == 1 ? side : 0, t, v.z} : LocalVertex{t, b == 2 ? side : 0, v.z});
-    }
-    if (b >= 2) std::reverse(border.begin(), border.end());
-    border.pop_back();
-    auto& envelope = task.envelopes[static_cast<std::size_t>(b)];
-    envelope = envelope_of(line, key.level, field.lattice);
-    for (EnvelopeKnot& knot : envelope) knot.t -= static_cast<double>(root.start);
-    on_border += static_cast<double>(border.size() - 1) / 2;
+    set_border(field.lattice, line, b, task);
+    on_border += static_cast<double>(task.borders[static_cast<std::size_t>(b)].size() - 1) / 2;
   }
   return 1 + on_border + static_cast<double>(triangulate(field, task).n_inserted);
 }
