@@ -14,6 +14,7 @@ enum class ErrorKind {
   kCorrupt,       ///< Bytes that do not follow docs/format.md.
   kIo,            ///< The operating system refused: permission, full disk, broken file.
   kUnsupported,   ///< Right in itself, but this version cannot do it.
+  kInterrupted,   ///< The user asked to stop.
 };
 
 /// A failure: `message` says what failed, where, and what to try, in one line without a final full stop.
