@@ -2,6 +2,8 @@
 #pragma once
 
 #include <atomic>
+#include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -14,6 +16,8 @@
 #include "storage/manifest.hpp"
 
 namespace tind {
+
+inline constexpr int kMostShards = 65536;
 
 /// Everything that tind-build can be told.
 struct BuildOptions {
@@ -31,7 +35,15 @@ struct BuildOptions {
   double base_height_m = 0;
   int falloff_posts = 64;
   std::string attribution;
-  int threads = 0;                            ///< 0: all cores.
+  int threads = 0;                                        ///< 0: all cores.
+  std::uint64_t memory_bytes = std::uint64_t{512} << 20;  ///< What the whole process may hold in memory.
+  bool resume = false;                                    ///< Go on where an interrupted build of the same stopped.
+  /// One of several parts of a pyramid that are built apart and merged; 0 <= index < count <= kMostShards.
+  struct Shard {
+    int index = 0;
+    int count = 1;
+  };
+  std::optional<Shard> shard;
   const std::atomic<bool>* cancel = nullptr;  ///< Set by a signal handler: stop, leave nothing behind.
 };
 

@@ -5,15 +5,15 @@
 #include <unistd.h>
 
 #include <CLI/CLI.hpp>
-#include <atomic>
 #include <charconv>
-#include <csignal>
 #include <cstdio>
 #include <exception>
 #include <fstream>
 #include <optional>
 #include <string>
 
+#include "storage/builder/build_arguments.hpp"
+#include "storage/builder/interrupt.hpp"
 #include "storage/builder/output_file.hpp"
 #include "storage/report/picture.hpp"
 #include "storage/report/pyramid_report.hpp"
@@ -22,20 +22,9 @@
 namespace tind {
 namespace {
 
-constexpr int kFailed = 1;
-constexpr int kUsage = 2;
-
-std::atomic<bool> g_cancel{false};
-static_assert(std::atomic<bool>::is_always_lock_free, "set from a signal handler");
-
-void on_signal(int signal) {
-  g_cancel = true;
-  std::signal(signal, SIG_DFL);  // a second Ctrl-C ends at once
-}
-
 int complain(const std::string& what) {
   fmt::print(stderr, "tind-build report: {}\n", what);
-  return kFailed;
+  return kExitFailed;
 }
 
 /// "8-12", "8-", "-12" or "10". False: none of these.
@@ -120,17 +109,17 @@ int report_main(int argc, char** argv) {
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& e) {
-    return app.exit(e) == 0 ? 0 : kUsage;
+    return app.exit(e) == 0 ? 0 : kExitUsage;
   }
   if (!levels.empty() && !parse_levels(levels, options.first_level, options.last_level)) {
     complain(fmt::format("--levels {}: give levels as 8-12, 8- or 10", levels));
-    return kUsage;
+    return kExitUsage;
   }
   if (!classes.empty()) {
     const auto filter = parse_class_filter(classes);
     if (!filter) {
       complain("--class: " + filter.error().message);
-      return kUsage;
+      return kExitUsage;
     }
     source.classes = *filter;
   }
@@ -140,16 +129,13 @@ int report_main(int argc, char** argv) {
           fmt::format("--picture {}: pictures are drawn as SVG; name it FILE.svg (a browser or rsvg-convert turns "
                       "that into PNG)",
                       picture));
-      return kUsage;
+      return kExitUsage;
     }
   }
   options.picture = !picture.empty();
   options.bilinear = !compare.empty();
   options.streams = !no_streams;
-  options.cancel = &g_cancel;
-  std::signal(SIGINT, on_signal);
-  std::signal(SIGTERM, on_signal);
-  std::signal(SIGXFSZ, SIG_IGN);  // a file size limit is then an error of the write
+  options.cancel = cancel_on_signals();
 
   try {
     // A picture that cannot be written is known before the long work starts.
