@@ -1,10 +1,13 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "storage/piece_blob.hpp"
 
+#include <algorithm>
 #include <limits>
+#include <optional>
 #include <string>
 
 #include "core/format/vn.hpp"
+#include "storage/zstd_codec.hpp"
 
 namespace tind {
 namespace {
@@ -118,39 +121,103 @@ Bytes encode_body(const TileBody& body) {
   return out.take();
 }
 
-Result<TileBody> decode_body(ByteView record) {
-  ByteReader in(record);
-  if (in.fixed<std::uint8_t>() != kBodyTag) return corrupt("body");
-  TileBody body;
+namespace {
+
+// What stands before the arrays of a body record.
+struct BodyHead {
+  TileStats stats;
+  std::array<std::uint32_t, 4> n_side{};
+  std::uint64_t n_interior = 0, n_triangles = 0, n_vts = 0;
+  std::uint8_t n_gaps = 0;
+};
+
+// `in` may hold only the start of the record: counts are checked against the `record_bytes` that it has as a whole.
+// nullopt: broken, or cut off within the head.
+std::optional<BodyHead> read_body_head(ByteReader& in, std::uint64_t record_bytes) {
+  BodyHead head;
+  if (in.fixed<std::uint8_t>() != kBodyTag) return std::nullopt;
   const auto coverage = in.fixed<std::uint8_t>();
-  if (coverage > static_cast<std::uint8_t>(TileCoverage::kReal)) return corrupt("body");
-  body.stats.coverage = static_cast<TileCoverage>(coverage);
-  body.stats.min_z = to_height(in, in.svarint());
-  body.stats.max_z = to_height(in, in.svarint());
-  body.stats.n_posts = in.uvarint();
-  body.stats.max_error_m = in.fixed<float>();
-  body.stats.rmse_m = in.fixed<float>();
-  for (std::uint32_t& n : body.n_side) n = to_u32(in, in.uvarint());
-  const std::uint64_t n_interior = in.count(3), n_triangles = in.count(3);
-  body.n_gaps = in.fixed<std::uint8_t>();
-  const std::uint64_t n_vts = in.count(3);
-  if (!in.ok() || body.n_gaps > kMaxLevel || n_interior > in.remaining() / 3 ||
-      n_triangles > (in.remaining() - 3 * n_interior) / 3) {
-    return corrupt("body");
+  if (coverage > static_cast<std::uint8_t>(TileCoverage::kReal)) return std::nullopt;
+  head.stats.coverage = static_cast<TileCoverage>(coverage);
+  head.stats.min_z = to_height(in, in.svarint());
+  head.stats.max_z = to_height(in, in.svarint());
+  head.stats.n_posts = in.uvarint();
+  head.stats.max_error_m = in.fixed<float>();
+  head.stats.rmse_m = in.fixed<float>();
+  for (std::uint32_t& n : head.n_side) n = to_u32(in, in.uvarint());
+  head.n_interior = in.uvarint();
+  head.n_triangles = in.uvarint();
+  head.n_gaps = in.fixed<std::uint8_t>();
+  head.n_vts = in.uvarint();
+  if (!in.ok() || head.n_gaps > kMaxLevel || in.position() > record_bytes) return std::nullopt;
+  // Each vertex, triangle and virtual triangle takes three bytes or more.
+  std::uint64_t left = record_bytes - in.position();
+  for (const std::uint64_t n : {head.n_interior, head.n_triangles, head.n_vts}) {
+    if (n > left / 3) return std::nullopt;
+    left -= 3 * n;
   }
-  body.interior.resize(n_interior);
+  return head;
+}
+
+// The three columns of `vertices`; fails the reader on anything out of range.
+void read_vertices(ByteReader& in, std::vector<LocalVertex>& vertices) {
   std::int64_t previous = 0;
-  for (LocalVertex& v : body.interior) v.x = previous = add_delta(in, previous, in.svarint());
+  for (LocalVertex& v : vertices) v.x = previous = add_delta(in, previous, in.svarint());
   previous = 0;
-  for (LocalVertex& v : body.interior) v.y = previous = add_delta(in, previous, in.svarint());
+  for (LocalVertex& v : vertices) v.y = previous = add_delta(in, previous, in.svarint());
   previous = 0;
-  for (LocalVertex& v : body.interior) {
+  for (LocalVertex& v : vertices) {
     previous = add_delta(in, previous, in.svarint());
     v.z = to_height(in, previous);
   }
+}
+
+}  // namespace
+
+Result<std::vector<LocalVertex>> decode_interior(ByteView value) {
+  std::uint64_t record_bytes = value.size();
+  std::size_t n_counted = 0;               // bytes whose varints are counted
+  std::optional<std::uint64_t> n_missing;  // varints of the columns that are still to come
+  const auto enough = [&](ByteView so_far, std::uint64_t whole_bytes) {
+    record_bytes = whole_bytes;
+    if (!n_missing) {
+      ByteReader in(so_far);
+      const auto head = read_body_head(in, whole_bytes);
+      if (!head) return true;  // it fits into the first piece, so more bytes would not mend it
+      n_counted = in.position();
+      n_missing = 3 * head->n_interior;
+    }
+    std::uint64_t n_ends = 0;  // a varint ends with a byte below 0x80
+    for (const std::uint8_t byte : so_far.subspan(n_counted)) n_ends += byte < 0x80;
+    n_counted = so_far.size();
+    *n_missing -= std::min(*n_missing, n_ends);
+    return *n_missing == 0;
+  };
+  const auto start = unpack_start(value, enough);
+  if (!start) return tl::unexpected(start.error());
+  ByteReader in(*start);
+  const auto head = read_body_head(in, record_bytes);
+  if (!head) return corrupt("body");
+  std::vector<LocalVertex> interior(head->n_interior);
+  read_vertices(in, interior);
   if (!in.ok()) return corrupt("body");
+  return interior;
+}
+
+Result<TileBody> decode_body(ByteView record) {
+  ByteReader in(record);
+  const auto head = read_body_head(in, record.size());
+  if (!head) return corrupt("body");
+  const std::uint64_t n_triangles = head->n_triangles, n_vts = head->n_vts;
+  TileBody body;
+  body.stats = head->stats;
+  body.n_side = head->n_side;
+  body.n_gaps = head->n_gaps;
+  body.interior.resize(head->n_interior);
+  read_vertices(in, body.interior);
+  if (!in.ok()) return corrupt("body");
+  std::int64_t previous = 0;
   body.triangles.resize(n_triangles);
-  previous = 0;
   for (Triangle& t : body.triangles) {
     for (std::uint32_t& index : t) {
       previous = add_delta(in, previous, in.svarint());

@@ -16,4 +16,8 @@ Result<Corner> decode_corner(ByteView record);
 Result<EdgeChain> decode_edge(ByteView record);
 Result<TileBody> decode_body(ByteView record);
 
+/// Only the interior vertices of a body, from its stored VALUE (a record or a zstd frame): unpacks and checks no more
+/// than is needed for them. What decode_body accepts gives the same vertices here; damage behind them goes unseen.
+Result<std::vector<LocalVertex>> decode_interior(ByteView value);
+
 }  // namespace tind

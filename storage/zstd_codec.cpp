@@ -3,6 +3,7 @@
 
 #include <zstd.h>
 
+#include <algorithm>
 #include <cassert>
 #include <memory>
 
@@ -21,6 +22,7 @@ ZSTD_DCtx* decompression_context() {
 
 constexpr int kMaxWindowLog = 23;  // browsers refuse more
 constexpr int kStoredLevel = 15;
+constexpr std::size_t kStartChunkBytes = std::size_t{16} << 10;
 
 }  // namespace
 
@@ -48,18 +50,52 @@ Bytes pack_value(Bytes record) {
   return frame.size() < record.size() ? frame : record;
 }
 
-Result<Bytes> unpack_value(ByteView value) {
-  if (!is_zstd_frame(value)) return Bytes(value.begin(), value.end());
-  const auto size = ZSTD_getFrameContentSize(value.data(), value.size());
+namespace {
+
+Result<std::uint64_t> announced_bytes(ByteView frame) {
+  const auto size = ZSTD_getFrameContentSize(frame.data(), frame.size());
   if (size == ZSTD_CONTENTSIZE_UNKNOWN || size == ZSTD_CONTENTSIZE_ERROR) {
     return fail(ErrorKind::kCorrupt, "zstd frame without a content size");
   }
   if (size > kMaxRecordBytes) return fail(ErrorKind::kCorrupt, "zstd frame announces more than 256 MiB");
-  Bytes out(size);
+  return size;
+}
+
+}  // namespace
+
+Result<Bytes> unpack_value(ByteView value) {
+  if (!is_zstd_frame(value)) return Bytes(value.begin(), value.end());
+  const auto size = announced_bytes(value);
+  if (!size) return tl::unexpected(size.error());
+  Bytes out(*size);
   const std::size_t n =
       ZSTD_decompressDCtx(decompression_context(), out.data(), out.size(), value.data(), value.size());
-  if (ZSTD_isError(n) || n != size) return fail(ErrorKind::kCorrupt, "broken zstd frame");
+  if (ZSTD_isError(n) || n != *size) return fail(ErrorKind::kCorrupt, "broken zstd frame");
   return out;
+}
+
+Result<Bytes> unpack_start(ByteView value, const EnoughBytes& enough) {
+  if (!is_zstd_frame(value)) return Bytes(value.begin(), value.end());
+  const auto size = announced_bytes(value);
+  if (!size) return tl::unexpected(size.error());
+  ZSTD_DCtx* context = decompression_context();
+  ZSTD_DCtx_reset(context, ZSTD_reset_session_only);
+  ZSTD_inBuffer in{value.data(), value.size(), 0};
+  Bytes bytes;
+  while (bytes.size() < *size) {
+    const std::size_t had = bytes.size();
+    bytes.resize(std::min<std::size_t>(*size, had + kStartChunkBytes));
+    ZSTD_outBuffer out{bytes.data(), bytes.size(), had};
+    while (out.pos < out.size) {
+      const std::size_t in_before = in.pos, out_before = out.pos;
+      const std::size_t n = ZSTD_decompressStream(context, &out, &in);
+      if (ZSTD_isError(n) || (in.pos == in_before && out.pos == out_before)) {
+        return fail(ErrorKind::kCorrupt, "broken zstd frame");
+      }
+    }
+    if (enough(bytes, *size)) break;
+  }
+  return bytes;
 }
 
 }  // namespace tind

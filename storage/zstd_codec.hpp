@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
+#include <functional>
+
 #include "core/format/bytes.hpp"
 #include "core/result.hpp"
 
@@ -21,5 +23,12 @@ Bytes pack_value(Bytes record);
 /// The record in a stored value: decompressed when it is a zstd frame, else as it is (copied).
 /// Fails with kCorrupt on anything broken or larger than kMaxRecordBytes. Safe for untrusted input.
 Result<Bytes> unpack_value(ByteView value);
+
+/// Asked with the record's bytes so far and the size that the record will have: are these enough?
+using EnoughBytes = std::function<bool(ByteView so_far, std::uint64_t record_bytes)>;
+
+/// The start of the record in a stored value: unpacked until `enough` says so, else all of it. What follows is not
+/// looked at, so damage there is not seen. Fails as unpack_value does. `enough` must not unpack on its own.
+Result<Bytes> unpack_start(ByteView value, const EnoughBytes& enough);
 
 }  // namespace tind

@@ -51,30 +51,33 @@ class ByteWriter {
 /// reads give 0. Safe for untrusted input. Does not own the bytes.
 class ByteReader {
  public:
-  explicit ByteReader(ByteView bytes) : bytes_(bytes) {}
+  explicit ByteReader(ByteView bytes) : begin_(bytes.data()), at_(bytes.data()), end_(bytes.data() + bytes.size()) {}
 
   template <class T>
   requires std::is_arithmetic_v<T> T fixed() {
     T value{};
-    if (!ok_ || remaining() < sizeof(T)) {
-      ok_ = false;
+    if (remaining() < sizeof(T)) {
+      set_failed();
       return value;
     }
-    std::memcpy(&value, bytes_.data() + at_, sizeof(T));
+    std::memcpy(&value, at_, sizeof(T));
     at_ += sizeof(T);
     return value;
   }
   std::uint64_t uvarint() {
-    std::uint64_t value = 0;
-    for (int shift = 0; shift < 64; shift += 7) {
-      if (!ok_ || at_ == bytes_.size()) break;
-      const std::uint8_t byte = bytes_[at_++];
-      if (shift == 63 && byte > 1) break;  // more than 64 bits
-      value |= static_cast<std::uint64_t>(byte & 0x7f) << shift;
-      if ((byte & 0x80) == 0) return value;
+    // Nearly all varints of a tile have one or two bytes.
+    if (remaining() >= 2) [[likely]] {
+      const std::uint64_t first = at_[0], second = at_[1];
+      if (first < 0x80) {
+        at_ += 1;
+        return first;
+      }
+      if (second < 0x80) {
+        at_ += 2;
+        return (first & 0x7f) | second << 7;
+      }
     }
-    ok_ = false;
-    return 0;
+    return long_uvarint();
   }
   std::int64_t svarint() {
     const std::uint64_t v = uvarint();
@@ -84,29 +87,48 @@ class ByteReader {
   /// bytes that are left cannot hold them.
   std::uint64_t count(std::uint64_t min_bytes_each) {
     const std::uint64_t n = uvarint();
-    if (min_bytes_each != 0 && n > remaining() / min_bytes_each) ok_ = false;
+    if (min_bytes_each != 0 && n > remaining() / min_bytes_each) set_failed();
     return ok_ ? n : 0;
   }
   ByteView raw(std::size_t n) {
     if (!ok_ || remaining() < n) {
-      ok_ = false;
+      set_failed();
       return {};
     }
-    const ByteView view = bytes_.subspan(at_, n);
+    const ByteView view(at_, n);
     at_ += n;
     return view;
   }
 
   bool ok() const { return ok_; }
-  void set_failed() { ok_ = false; }
-  std::size_t remaining() const { return bytes_.size() - at_; }
-  std::size_t position() const { return at_; }
+  /// Nothing is left to read from a reader that failed, so reads need not ask for more than their bounds.
+  void set_failed() {
+    ok_ = false;
+    at_ = end_;
+  }
+  std::size_t remaining() const { return static_cast<std::size_t>(end_ - at_); }
+  /// Bytes read so far; after a failure, all of them.
+  std::size_t position() const { return static_cast<std::size_t>(at_ - begin_); }
   /// True iff nothing failed and every byte was read.
-  bool finished() const { return ok_ && at_ == bytes_.size(); }
+  bool finished() const { return ok_ && at_ == end_; }
 
  private:
-  ByteView bytes_;
-  std::size_t at_ = 0;
+  std::uint64_t long_uvarint() {
+    std::uint64_t value = 0;
+    for (int shift = 0; shift < 64; shift += 7) {
+      if (at_ == end_) break;
+      const std::uint8_t byte = *at_++;
+      if (shift == 63 && byte > 1) break;  // more than 64 bits
+      value |= static_cast<std::uint64_t>(byte & 0x7f) << shift;
+      if ((byte & 0x80) == 0) return value;
+    }
+    set_failed();
+    return 0;
+  }
+
+  const std::uint8_t* begin_;
+  const std::uint8_t* at_;
+  const std::uint8_t* end_;
   bool ok_ = true;
 };
 

@@ -121,6 +121,77 @@ TEST(BodyRecord, ComesBackAndSurvivesDamage) {
   torment(encode_body(body), 16, [](ByteView b) { return decode_body(b).has_value(); });
 }
 
+TEST(BodyInterior, IsThatOfTheBodyHoweverPacked) {
+  const TileBody body = real_body();
+  const Bytes record = encode_body(body);
+  EXPECT_EQ(decode_interior(record).value(), body.interior);
+  for (const int level : {1, 19}) EXPECT_EQ(decode_interior(zstd_compress(record, level)).value(), body.interior);
+  EXPECT_EQ(decode_interior(encode_body(TileBody{})).value(), std::vector<LocalVertex>{});
+  EXPECT_FALSE(decode_interior(encode_edge(real_edge())));
+  EXPECT_FALSE(decode_interior(zstd_compress(encode_edge(real_edge()), 3)));
+  EXPECT_FALSE(decode_interior({}));
+}
+
+// Larger than zstd's blocks of 128 KiB, so that most of it need not be unpacked.
+TileBody large_body() {
+  TileBody body;
+  for (std::int64_t k = 0; k < 30000; ++k) {
+    body.interior.push_back({static_cast<std::int64_t>(noise(1, k, 0) * 65536),
+                             static_cast<std::int64_t>(noise(2, k, 0) * 65536),
+                             static_cast<std::int32_t>(noise(3, k, 0) * 1e6)});
+  }
+  for (std::uint32_t k = 0; k < 60000; ++k) {
+    const auto vertex = [&](std::int64_t seed) { return static_cast<std::uint32_t>(noise(seed, k, 0) * 30000); };
+    body.triangles.push_back({vertex(4), vertex(5), vertex(6)});
+  }
+  return body;
+}
+
+TEST(BodyInterior, LeavesWhatFollowsPacked) {
+  const TileBody body = large_body();
+  const Bytes record = encode_body(body);
+  Bytes frame = zstd_compress(record, 3);
+  EXPECT_EQ(decode_interior(frame).value(), body.interior);
+  // Without the last third there is no body, but all that is asked for.
+  frame.resize(frame.size() / 3 * 2);
+  EXPECT_FALSE(unpack_value(frame));
+  reset_largest_request();
+  EXPECT_EQ(decode_interior(frame).value(), body.interior);
+  EXPECT_LT(largest_request(), record.size() * 2);
+  frame.resize(frame.size() / 6);
+  EXPECT_FALSE(decode_interior(frame));
+}
+
+TEST(BodyInterior, SurvivesDamage) {
+  const TileBody body = real_body();
+  const Bytes record = encode_body(body);
+  ByteWriter columns;
+  write_vertices(columns, body.interior);
+  for (std::size_t n = 0; n < record.size(); ++n) {
+    const auto interior = decode_interior(ByteView(record).first(n));
+    EXPECT_FALSE(n < columns.size() && interior) << "cut at " << n;
+    EXPECT_TRUE(!interior || *interior == body.interior) << "cut at " << n;
+  }
+  const Bytes packed = zstd_compress(record, 3);
+  for (const Bytes& value : {record, packed}) {
+    for (std::int64_t k = 0; k < 3000; ++k) {
+      Bytes bytes = value;
+      const double range = static_cast<double>(k % 2 ? value.size() - 8 : 40);
+      const auto at = static_cast<std::size_t>((is_zstd_frame(value) ? 8 : 0) + noise(1, k, 0) * range);
+      bytes[at] ^= static_cast<std::uint8_t>(1 + noise(2, k, 0) * 255);
+      reset_largest_request();
+      const auto interior = decode_interior(bytes);
+      EXPECT_LE(largest_request(), 16 * record.size() + (1 << 20));
+      // Stricter than decode_body in nothing.
+      const auto whole = unpack_value(bytes);
+      const auto decoded = whole ? decode_body(*whole) : fail(ErrorKind::kCorrupt, "");
+      if (decoded) {
+        EXPECT_EQ(interior.value(), decoded->interior);
+      }
+    }
+  }
+}
+
 TEST(Decoders, RefuseCountsThatTheBytesCannotHold) {
   // tag, count 2^60, then next to nothing
   const Bytes huge = {0x80, 0x80, 0x80, 0x80, 0x80, 0x80, 0x80, 0x80, 0x10};
