@@ -7,6 +7,7 @@
 #include <span>
 
 #include "core/lattice.hpp"
+#include "core/post_blocks.hpp"
 
 namespace tind {
 
@@ -84,6 +85,7 @@ struct HeightField {
   double disagreement_m = 0;            ///< Largest |source post - its height here| where overlapping sources disagree.
   const float* heights_m = nullptr;     ///< n_rows * n_cols
   const PostOrigin* origins = nullptr;  ///< n_rows * n_cols
+  const PostBlocks* blocks = nullptr;   ///< Of the grid's posts, as they are now; null: not made. Not owned.
   PointBlocks points;                   ///< Irregular posts; empty for a raster.
   /// Lattice points whose vertices have a height of their own: those of break lines. Ascending by (y, x), x in
   /// [0, width). Not owned.

@@ -64,6 +64,7 @@ Result<void> ElevationSource::load(const Lattice& lattice, double base_height_m,
   options.base_height_m = base_height_m;
   options.falloff_posts = falloff_posts;
   options.scratch_dir = scratch_dir;
+  options.threads = threads;
   auto grid = HeightGrid::load(*raster_, lattice, options, progress);
   if (!grid) return tl::unexpected(grid.error());
   grid_.emplace(std::move(*grid));

@@ -8,7 +8,7 @@
 
 #include <fmt/format.h>
 
-#include "storage/readers/scratch_map.hpp"
+#include "storage/readers/post_arrays.hpp"
 #include "storage/readers/void_fill.hpp"
 
 namespace tind {
@@ -42,7 +42,7 @@ constexpr std::size_t kBytesPerStripPost = 40;  // Strip, one source's floats, a
 }  // namespace
 
 struct HeightGrid::Impl {
-  ScratchMap map;
+  PostArrays arrays;
   HeightField field;
   HeightGridCounts counts;
   std::vector<std::string> notes;
@@ -99,12 +99,12 @@ Result<std::int64_t> HeightGrid::Impl::lay_out(const RasterMosaic& mosaic, const
   frame.open_south = rim_south > 0;
   frame.open_north = rim_north > 0;
 
-  const auto n_posts = static_cast<std::uint64_t>(grid.n_rows) * static_cast<std::uint64_t>(grid.n_cols);
-  auto scratch = ScratchMap::create(options.scratch_dir, n_posts * (sizeof(float) + sizeof(PostOrigin)));
-  if (!scratch) return tl::unexpected(scratch.error());
-  map = std::move(*scratch);
-  grid.heights_m = static_cast<float*>(map.data());
-  grid.origins = reinterpret_cast<PostOrigin*>(grid.heights_m + n_posts);
+  auto made = PostArrays::create(options.scratch_dir, grid.n_rows, grid.n_cols);
+  if (!made) return tl::unexpected(made.error());
+  arrays = std::move(*made);
+  const bool wraps = grid.wraps;
+  grid = arrays.grid();
+  grid.wraps = wraps;
 
   const double step = lattice.step_deg();
   field.lattice = lattice;
@@ -118,8 +118,7 @@ Result<std::int64_t> HeightGrid::Impl::lay_out(const RasterMosaic& mosaic, const
   if (field.x0 < 0) field.x0 += static_cast<double>(lattice.width());
   field.y0 = std::max(0.0, (mosaic.south_deg + 90.0) / step - static_cast<double>(rim_south) * field.dy);
   field.base_height_m = options.base_height_m;
-  field.heights_m = grid.heights_m;
-  field.origins = grid.origins;
+  arrays.attach(field);
   return falloff;
 }
 
@@ -248,6 +247,7 @@ Result<HeightGrid> HeightGrid::load(const RasterMosaic& mosaic, const Lattice& l
   field.continues_north = north_gap <= field.dy * (1 + 1e-9);
   if (field.continues_south) field.south_pole_m = impl.settle_pole(0, field.y0 <= 0.5);
   if (field.continues_north) field.north_pole_m = impl.settle_pole(field.n_rows - 1, north_gap <= 0.5);
+  impl.arrays.build_blocks(field, options.threads);
   if (progress) progress(1.0);
   return result;
 }

@@ -17,6 +17,7 @@ struct HeightGridOptions {
   double base_height_m = 0;
   int falloff_posts = 64;   ///< Distance over which the surface falls from the nearest values to the base height; >= 1.
   std::string scratch_dir;  ///< Where the unlinked scratch file of the grid lives (same file system as the output).
+  int threads = 1;          ///< >= 1; the result does not depend on it.
 };
 
 struct HeightGridCounts {

@@ -15,7 +15,7 @@
 #include "core/delaunay_surface.hpp"
 #include "storage/readers/gdal_raster.hpp"
 #include "storage/readers/point_scatter.hpp"
-#include "storage/readers/scratch_map.hpp"
+#include "storage/readers/post_arrays.hpp"
 #include "storage/readers/void_fill.hpp"
 
 namespace tind {
@@ -44,7 +44,7 @@ struct Window {
 }  // namespace
 
 struct PointGrid::Impl {
-  ScratchMap map;
+  PostArrays arrays;
   ScatteredPoints points;
   HeightField field;
   PointGridCounts counts;
@@ -111,12 +111,10 @@ Result<std::int64_t> PointGrid::Impl::lay_out(const PointSource& source, const L
   grid.n_rows = n_data_rows + 2 * falloff;
   grid.n_cols = n_data_cols + 2 * falloff;
   frame = {falloff, falloff + n_data_rows - 1, falloff, falloff + n_data_cols - 1, true, true};
-  const auto n = static_cast<std::uint64_t>(grid.n_rows) * static_cast<std::uint64_t>(grid.n_cols);
-  auto scratch = ScratchMap::create(options.scratch_dir, n * (sizeof(float) + sizeof(PostOrigin)));
-  if (!scratch) return tl::unexpected(scratch.error());
-  map = std::move(*scratch);
-  grid.heights_m = static_cast<float*>(map.data());
-  grid.origins = reinterpret_cast<PostOrigin*>(grid.heights_m + n);
+  auto made = PostArrays::create(options.scratch_dir, grid.n_rows, grid.n_cols);
+  if (!made) return tl::unexpected(made.error());
+  arrays = std::move(*made);
+  grid = arrays.grid();
   field.n_rows = grid.n_rows;
   field.n_cols = grid.n_cols;
   field.x0 = static_cast<double>(west_col - falloff) * field.dx;
@@ -125,8 +123,7 @@ Result<std::int64_t> PointGrid::Impl::lay_out(const PointSource& source, const L
     field.x0 += width;
     x_turn = width;
   }
-  field.heights_m = grid.heights_m;
-  field.origins = grid.origins;
+  arrays.attach(field);
   return falloff;
 }
 
@@ -283,6 +280,7 @@ Result<PointGrid> PointGrid::load(const PointSource& source, const Lattice& latt
     impl.grid.origins[i] = PostOrigin::kInterpolated;
     ++impl.counts.interpolated;
   }
+  impl.arrays.build_blocks(impl.field, options.threads);
   if (impl.counts.duplicates > 0) {
     impl.notes.push_back(
         fmt::format("{} points lie within a lattice step of a lower one and are left out", impl.counts.duplicates));

@@ -114,6 +114,42 @@ TEST_F(HeightGridTest, PostsKeepTheirPlaceAndHeight) {
   EXPECT_EQ(grid->counts().filled, 0u);
 }
 
+/// Whether the field's blocks are those of its posts as they are.
+bool has_own_blocks(const HeightField& f) {
+  std::vector<std::byte> memory(PostBlocks::n_bytes(f.n_rows, f.n_cols));
+  const PostBlocks fresh = PostBlocks::build(f, memory, 1);
+  if (f.blocks == nullptr || f.blocks->n_levels() != fresh.n_levels()) return false;
+  const int top = fresh.n_levels() - 1;
+  bool same = true;
+  for (int level = 0; level <= top; ++level) {
+    for (std::int64_t i = 0; i < fresh.n_block_rows(level); ++i) {
+      for (std::int64_t j = 0; j < fresh.n_block_cols(level); ++j) {
+        same = same && std::memcmp(&f.blocks->block(level, i, j), &fresh.block(level, i, j), sizeof(PostBlock)) == 0 &&
+               std::memcmp(&f.blocks->sums(level, i, j), &fresh.sums(level, i, j), sizeof(PostBlockSums)) == 0;
+      }
+    }
+  }
+  return same;
+}
+
+TEST_F(HeightGridTest, BlocksAreThoseOfTheFinishedPosts) {
+  // With a void to fill, a falloff and a pole row to settle.
+  const auto path = write_grid("a.asc", 10, 87, 0.25, 13, 30, [](int r, int c) {
+    return r > 4 && r < 8 && c > 9 && c < 20 ? std::string("-9999") : number(7 * r + 3 * c);
+  });
+  auto grid = load({path}, 10, -5);
+  ASSERT_TRUE(grid) << grid.error().message;
+  EXPECT_GT(grid->counts().filled, 0u);
+  EXPECT_TRUE(has_own_blocks(grid->field()));
+  const HeightGrid moved = std::move(*grid);
+  EXPECT_TRUE(has_own_blocks(moved.field()));
+  HeightField stale = moved.field();
+  std::vector<float> heights(stale.heights_m, stale.heights_m + stale.n_rows * stale.n_cols);
+  heights[100] += 1;
+  stale.heights_m = heights.data();
+  EXPECT_FALSE(has_own_blocks(stale));
+}
+
 TEST_F(HeightGridTest, FalloffReachesTheBaseAtItsDistanceWithoutACliff) {
   const auto path = write_grid("a.asc", 10, 45, 0.01, 20, 20, [](int, int c) { return c < 10 ? "2000" : "0"; });
   const auto grid = load({path}, 32, -50);

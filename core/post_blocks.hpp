@@ -1,0 +1,147 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+namespace tind {
+
+struct HeightField;
+enum class PostOrigin : std::uint8_t;
+
+/// A plane over the posts of a block: height in metres at column c, row r of the block, both counted from its
+/// south-western post.
+struct PostPlane {
+  double origin_m = 0;   ///< At the south-western post.
+  double per_col_m = 0;  ///< Metres per post eastwards.
+  double per_row_m = 0;  ///< Metres per post northwards.
+
+  double at(double col, double row) const { return origin_m + per_col_m * col + per_row_m * row; }
+};
+
+/// What a scan needs of a block of posts. DESIGN 6: the error of a whole block against a triangle is bounded by the
+/// distance of two planes at the block's corners and this range.
+struct PostBlock {
+  float origin_m = 0, per_col_m = 0, per_row_m = 0;  ///< The block's plane: least squares, rounded.
+  /// low_m <= h - plane <= high_m at every post, however a double evaluation of the plane associates.
+  float low_m = 0, high_m = 0;
+  std::uint8_t origins = 0;  ///< Bit 1 << PostOrigin for each origin that a post of the block has.
+  std::array<std::uint8_t, 3> unused{};
+
+  PostPlane plane() const {
+    return {static_cast<double>(origin_m), static_cast<double>(per_col_m), static_cast<double>(per_row_m)};
+  }
+  bool has(PostOrigin origin) const { return (origins >> static_cast<int>(origin) & 1) != 0; }
+  bool is_all(PostOrigin origin) const { return origins == 1 << static_cast<int>(origin); }
+};
+
+/// Sums over all posts of a block, whatever their origin; r = h - plane, with columns and rows counted from the
+/// block's centre.
+struct PostBlockSums {
+  double residual2_m2 = 0;                   ///< Sum of r^2.
+  float residual_m = 0;                      ///< Sum of r: near zero, but the plane is rounded.
+  float residual_cols_m = 0;                 ///< Sum of r * column.
+  float residual_rows_m = 0;                 ///< Sum of r * row.
+  float min_height_m = 0, max_height_m = 0;  ///< Exact.
+  std::uint32_t n_source = 0;                ///< Posts of origin kSource.
+};
+
+/// A pyramid of blocks over the grid of a HeightField. Level 0: kSide x kSide posts a block, fewer in the last row and
+/// column; each coarser one 2 x 2 blocks, up to one block or blocks of kMaxSide posts. 56 bytes a block, 1.2 bytes a
+/// post in all. A value with pointers into memory it does not own, and a copy of nothing: it describes the field as it
+/// was when it was built. Const access is thread safe.
+class PostBlocks {
+ public:
+  static constexpr std::int64_t kSide = 8;
+  static constexpr std::int64_t kMaxSide = 32768;
+
+  /// Posts [row, row + n_rows) x [col, col + n_cols) of the field.
+  struct Extent {
+    std::int64_t row = 0, col = 0, n_rows = 0, n_cols = 0;
+    std::int64_t n_posts() const { return n_rows * n_cols; }
+  };
+
+  /// Bytes of memory that the blocks of a grid take. Preconditions: n_rows, n_cols >= 1.
+  static std::uint64_t n_bytes(std::int64_t n_rows, std::int64_t n_cols);
+  /// Builds the blocks of field's grid into `memory`: n_bytes(...) of it, aligned to 8, kept by the caller. Uses
+  /// `threads` >= 1 of them; the bytes do not depend on it. Preconditions: all heights are finite.
+  static PostBlocks build(const HeightField& field, std::span<std::byte> memory, int threads);
+
+  int n_levels() const { return static_cast<int>(levels_.size()); }
+  std::int64_t n_block_rows(int level) const { return at(level).n_rows; }
+  std::int64_t n_block_cols(int level) const { return at(level).n_cols; }
+  /// Posts along a side of a block of this level that is not cut short by the grid's end.
+  static std::int64_t side(int level) { return kSide << level; }
+  /// Block (i, j) of a level: row i from the south, column j from the west. Row-major arrays.
+  const PostBlock& block(int level, std::int64_t i, std::int64_t j) const {
+    return at(level).blocks[i * at(level).n_cols + j];
+  }
+  const PostBlockSums& sums(int level, std::int64_t i, std::int64_t j) const {
+    return at(level).sums[i * at(level).n_cols + j];
+  }
+  Extent extent(int level, std::int64_t i, std::int64_t j) const {
+    const std::int64_t s = side(level);
+    return {i * s, j * s, std::min(s, n_rows_ - i * s), std::min(s, n_cols_ - j * s)};
+  }
+  /// Sum over a block's posts of (h - p)^2 in square metres, in closed form: within 1e-9 of its value.
+  double squared_distance_m2(int level, std::int64_t i, std::int64_t j, const PostPlane& p) const;
+
+  /// Walks over the posts of a window (clipped to the grid) from the coarsest blocks down. settle(level, i, j, inside)
+  /// is called for each block that meets the window, `inside` iff it lies wholly in it; true: the block is done with.
+  /// Level 0 blocks that are not give posts(row, col_begin, col_end) for each of their rows in the window.
+  template <class Settle, class Posts>
+  void visit(const Extent& window, Settle settle, Posts posts) const {
+    const Extent w = clipped(window);
+    if (w.n_rows <= 0 || w.n_cols <= 0) return;
+    const int top = n_levels() - 1;
+    for (std::int64_t i = w.row / side(top); i <= (w.row + w.n_rows - 1) / side(top); ++i) {
+      for (std::int64_t j = w.col / side(top); j <= (w.col + w.n_cols - 1) / side(top); ++j) {
+        visit_block(top, i, j, w, settle, posts);
+      }
+    }
+  }
+
+ private:
+  struct Level {
+    std::int64_t n_rows = 0, n_cols = 0;
+    PostBlock* blocks = nullptr;
+    PostBlockSums* sums = nullptr;
+  };
+
+  const Level& at(int level) const { return levels_[static_cast<std::size_t>(level)]; }
+  Extent clipped(const Extent& w) const {
+    const std::int64_t row = std::max<std::int64_t>(w.row, 0), col = std::max<std::int64_t>(w.col, 0);
+    return {row, col, std::min(w.row + w.n_rows, n_rows_) - row, std::min(w.col + w.n_cols, n_cols_) - col};
+  }
+  void fit_leaf(const HeightField& field, std::int64_t i, std::int64_t j);
+  void merge_children(int level, std::int64_t i, std::int64_t j);
+
+  template <class Settle, class Posts>
+  void visit_block(int level, std::int64_t i, std::int64_t j, const Extent& w, Settle& settle, Posts& posts) const {
+    const Extent e = extent(level, i, j);
+    const std::int64_t row_begin = std::max(e.row, w.row), row_end = std::min(e.row + e.n_rows, w.row + w.n_rows);
+    const std::int64_t col_begin = std::max(e.col, w.col), col_end = std::min(e.col + e.n_cols, w.col + w.n_cols);
+    if (row_begin >= row_end || col_begin >= col_end) return;
+    const bool inside = row_end - row_begin == e.n_rows && col_end - col_begin == e.n_cols;
+    if (settle(level, i, j, inside)) return;
+    if (level == 0) {
+      for (std::int64_t r = row_begin; r < row_end; ++r) posts(r, col_begin, col_end);
+      return;
+    }
+    const Level& finer = at(level - 1);
+    for (std::int64_t ci = 2 * i; ci < std::min(2 * i + 2, finer.n_rows); ++ci) {
+      for (std::int64_t cj = 2 * j; cj < std::min(2 * j + 2, finer.n_cols); ++cj) {
+        visit_block(level - 1, ci, cj, w, settle, posts);
+      }
+    }
+  }
+
+  std::int64_t n_rows_ = 0, n_cols_ = 0;  // of posts
+  std::vector<Level> levels_;
+};
+
+}  // namespace tind

@@ -1,0 +1,38 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "storage/readers/post_arrays.hpp"
+
+#include <utility>
+
+namespace tind {
+
+Result<PostArrays> PostArrays::create(const std::string& folder, std::int64_t n_rows, std::int64_t n_cols) {
+  const auto n_posts = static_cast<std::uint64_t>(n_rows) * static_cast<std::uint64_t>(n_cols);
+  const std::uint64_t n_block_bytes = PostBlocks::n_bytes(n_rows, n_cols);
+  // Blocks begin where they may lie: at a multiple of 8.
+  const std::uint64_t n_post_bytes = (n_posts * (sizeof(float) + sizeof(PostOrigin)) + 7) / 8 * 8;
+  auto map = ScratchMap::create(folder, n_post_bytes + n_block_bytes);
+  if (!map) return tl::unexpected(map.error());
+  PostArrays result;
+  result.map_ = std::move(*map);
+  result.n_rows_ = n_rows;
+  result.n_cols_ = n_cols;
+  auto* const bytes = static_cast<std::byte*>(result.map_.data());
+  result.heights_m_ = reinterpret_cast<float*>(bytes);
+  result.origins_ = reinterpret_cast<PostOrigin*>(bytes + n_posts * sizeof(float));
+  result.block_memory_ = {bytes + n_post_bytes, static_cast<std::size_t>(n_block_bytes)};
+  return result;
+}
+
+PostGrid PostArrays::grid() const { return {n_rows_, n_cols_, false, heights_m_, origins_}; }
+
+void PostArrays::attach(HeightField& field) const {
+  field.heights_m = heights_m_;
+  field.origins = origins_;
+}
+
+void PostArrays::build_blocks(HeightField& field, int threads) {
+  blocks_ = PostBlocks::build(field, block_memory_, threads);
+  field.blocks = &blocks_;
+}
+
+}  // namespace tind

@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <string>
+
+#include "core/height_field.hpp"
+#include "core/result.hpp"
+#include "storage/readers/scratch_map.hpp"
+#include "storage/readers/void_fill.hpp"
+
+namespace tind {
+
+/// The arrays behind a height field's grid, in one scratch file: heights, origins, and room for their blocks. All zero
+/// (that is, voids) at first.
+class PostArrays {
+ public:
+  /// As ScratchMap::create. Preconditions: n_rows, n_cols >= 1.
+  static Result<PostArrays> create(const std::string& folder, std::int64_t n_rows, std::int64_t n_cols);
+  PostArrays() = default;
+
+  /// The grid of posts; `wraps` is the caller's to set.
+  PostGrid grid() const;
+  /// Points the field at the arrays. Precondition: it has the grid's size.
+  void attach(HeightField& field) const;
+  /// Builds the blocks of the attached field's posts and points it at them; valid as long as this object, which must
+  /// not move any more.
+  void build_blocks(HeightField& field, int threads);
+
+ private:
+  ScratchMap map_;
+  std::int64_t n_rows_ = 0, n_cols_ = 0;
+  float* heights_m_ = nullptr;
+  PostOrigin* origins_ = nullptr;
+  std::span<std::byte> block_memory_;
+  PostBlocks blocks_;
+};
+
+}  // namespace tind
