@@ -25,6 +25,11 @@ constexpr std::int64_t kBlockRows = 64, kBlockCols = 256;
 constexpr float kStrayAboveM = 10;
 constexpr std::int64_t kSuspicionValues = std::int64_t{1} << 22;
 
+/// Rows and columns of the used posts of a source.
+struct PostWindow {
+  std::int64_t row = 0, col = 0, n_rows = 0, n_cols = 0;
+};
+
 }  // namespace
 
 struct RasterMosaic::Impl {
@@ -45,12 +50,12 @@ struct RasterMosaic::Impl {
   Result<void> settle_heights(RasterMosaic& m, const RasterOptions& options);
   /// Longitude and latitude of the mosaic's post (row, column), degrees.
   Place post(const RasterMosaic& m, std::int64_t row, std::int64_t col) const;
-  Result<void> read_own(std::size_t s, std::int64_t first_row, std::int64_t n, std::vector<float>& heights_m,
+  Result<void> read_own(std::size_t s, const PostWindow& window, std::vector<float>& heights_m,
                         std::uint64_t& n_implausible);
   /// Makes the sources that are not being read forget their cells, least recently read first, until what they keep is
   /// bounded, however many sources there are.
   void trim(std::size_t reading);
-  Result<void> read_warped(const RasterMosaic& m, std::size_t s, std::int64_t first_row, std::int64_t n,
+  Result<void> read_warped(const RasterMosaic& m, std::size_t s, const PostWindow& window,
                            std::vector<float>& heights_m, std::uint64_t& n_implausible);
 };
 
@@ -174,16 +179,16 @@ Result<RasterMosaic> RasterMosaic::open(const std::vector<std::string>& paths, c
   return m;
 }
 
-Result<void> RasterMosaic::Impl::read_own(std::size_t index, std::int64_t first_row, std::int64_t n,
-                                          std::vector<float>& heights_m, std::uint64_t& n_implausible) {
+Result<void> RasterMosaic::Impl::read_own(std::size_t index, const PostWindow& window, std::vector<float>& heights_m,
+                                          std::uint64_t& n_implausible) {
   RasterFile& s = files[index];
   // From rows counted northwards among the used ones to rows of the file.
-  const std::int64_t from_south = s.skip_south + first_row;
-  const std::int64_t file_row = s.north_up ? s.info.n_rows - from_south - n : from_south;
-  const std::int64_t n_cols = s.info.n_used_cols;
-  if (auto ok = s.read_window(0, file_row, n_cols, n, heights_m, n_implausible); !ok) return ok;
+  const std::int64_t from_south = s.skip_south + window.row;
+  const std::int64_t file_row = s.north_up ? s.info.n_rows - from_south - window.n_rows : from_south;
+  const std::int64_t n_cols = window.n_cols;
+  if (auto ok = s.read_window(window.col, file_row, n_cols, window.n_rows, heights_m, n_implausible); !ok) return ok;
   if (s.north_up) {
-    for (std::int64_t low = 0, high = n - 1; low < high; ++low, --high) {
+    for (std::int64_t low = 0, high = window.n_rows - 1; low < high; ++low, --high) {
       const auto a = heights_m.begin() + low * n_cols, b = heights_m.begin() + high * n_cols;
       std::swap_ranges(a, a + n_cols, b);
     }
@@ -204,9 +209,8 @@ void RasterMosaic::Impl::trim(std::size_t reading) {
   }
 }
 
-Result<void> RasterMosaic::Impl::read_warped(const RasterMosaic& m, std::size_t index, std::int64_t first_row,
-                                             std::int64_t n, std::vector<float>& heights_m,
-                                             std::uint64_t& n_implausible) {
+Result<void> RasterMosaic::Impl::read_warped(const RasterMosaic& m, std::size_t index, const PostWindow& window,
+                                             std::vector<float>& heights_m, std::uint64_t& n_implausible) {
   RasterFile& s = files[index];
   auto& warper = readers[index].warper;
   if (!warper) {
@@ -216,7 +220,7 @@ Result<void> RasterMosaic::Impl::read_warped(const RasterMosaic& m, std::size_t 
   }
   trim(index);
   readers[index].used = ++clock;
-  const std::int64_t n_cols = s.info.n_used_cols;
+  const std::int64_t n = window.n_rows, n_cols = window.n_cols;
   heights_m.resize(static_cast<std::size_t>(n * n_cols));
   std::vector<Place> places;
   std::vector<float> block;
@@ -227,8 +231,8 @@ Result<void> RasterMosaic::Impl::read_warped(const RasterMosaic& m, std::size_t 
       places.clear();
       for (std::int64_t r = r0; r < r1; ++r) {
         for (std::int64_t c = c0; c < c1; ++c) {
-          const std::int64_t col = s.info.grid_col + c;
-          places.push_back(post(m, s.info.grid_row + first_row + r, col < m.n_cols ? col : col - m.n_cols));
+          const std::int64_t col = s.info.grid_col + window.col + c;
+          places.push_back(post(m, s.info.grid_row + window.row + r, col < m.n_cols ? col : col - m.n_cols));
         }
       }
       block.resize(places.size());
@@ -240,26 +244,33 @@ Result<void> RasterMosaic::Impl::read_warped(const RasterMosaic& m, std::size_t 
   return {};
 }
 
-Result<void> RasterMosaic::read_rows(std::size_t index, std::int64_t first_row, std::int64_t n,
-                                     std::vector<float>& heights_m, std::uint64_t& n_implausible) const {
+Result<void> RasterMosaic::read_window(std::size_t index, std::int64_t first_row, std::int64_t first_col,
+                                       std::int64_t n_window_rows, std::int64_t n_window_cols,
+                                       std::vector<float>& heights_m, std::uint64_t& n_implausible) const {
   Impl& impl = *impl_;
   const RasterSource& s = sources[index];
-  auto read = warped ? impl.read_warped(*this, index, first_row, n, heights_m, n_implausible)
-                     : impl.read_own(index, first_row, n, heights_m, n_implausible);
-  if (!read) return read;
-  if (impl.shift) {
-    std::vector<Place> places(static_cast<std::size_t>(s.n_used_cols));
-    for (std::int64_t r = 0; r < n; ++r) {
-      for (std::int64_t c = 0; c < s.n_used_cols; ++c) {
-        const std::int64_t col = (s.grid_col + c) % n_cols;
-        places[static_cast<std::size_t>(c)] = impl.post(*this, s.grid_row + first_row + r, col);
-      }
-      if (auto ok = impl.shift->apply(places, heights_m.data() + r * s.n_used_cols); !ok) return ok;
+  const PostWindow window{first_row, first_col, n_window_rows, n_window_cols};
+  auto read = warped ? impl.read_warped(*this, index, window, heights_m, n_implausible)
+                     : impl.read_own(index, window, heights_m, n_implausible);
+  if (!read || !impl.shift) return read;
+  std::vector<Place> places(static_cast<std::size_t>(window.n_cols));
+  for (std::int64_t r = 0; r < window.n_rows; ++r) {
+    for (std::int64_t c = 0; c < window.n_cols; ++c) {
+      const std::int64_t col = (s.grid_col + window.col + c) % n_cols;
+      places[static_cast<std::size_t>(c)] = impl.post(*this, s.grid_row + window.row + r, col);
     }
+    if (auto ok = impl.shift->apply(places, heights_m.data() + r * window.n_cols); !ok) return ok;
   }
+  return {};
+}
+
+Result<void> RasterMosaic::read_rows(std::size_t index, std::int64_t first_row, std::int64_t n,
+                                     std::vector<float>& heights_m, std::uint64_t& n_implausible) const {
+  const RasterSource& s = sources[index];
+  if (auto read = read_window(index, first_row, 0, n, s.n_used_cols, heights_m, n_implausible); !read) return read;
   if (first_row + n == s.n_used_rows) {
-    impl.readers[index].warper.reset();
-    impl.files[index].dataset.reset();
+    impl_->readers[index].warper.reset();
+    impl_->files[index].dataset.reset();
   }
   return {};
 }

@@ -22,6 +22,9 @@ struct RasterOptions {
   Resampling resampling = Resampling::kBilinear;
   std::string vertical_datum = {};  ///< CRS of the input's heights by any name that PROJ knows, e.g. "EPSG:5773".
   std::string geoid = {};           ///< Path of a grid of geoid heights that PROJ reads (.gtx, .tif).
+  /// False: files are not read whole to hash them, RasterSource::sha256 is their name, and copies of a file under other
+  /// names go unnoticed.
+  bool hash_files = true;
 };
 
 /// One input of a mosaic, as the manifest lists it, and where its posts lie in the mosaic's grid.
@@ -31,6 +34,8 @@ struct RasterSource {
   std::string sha256;  ///< Of the file's bytes, lower-case hex.
   std::int64_t n_cols = 0, n_rows = 0;  ///< Of the file.
   std::string crs;                      ///< Of the file, e.g. "WGS 84 / UTM zone 11N (EPSG:32611)".
+  bool crs_is_assumed = false;          ///< The file names no CRS; its degrees are taken as EPSG:4326.
+  bool unit_is_assumed = false;         ///< Neither the file nor the user names a vertical unit: metres.
   std::string operation;                ///< PROJ pipeline from EPSG:4326 to the file's CRS; empty: not warped.
   double native_spacing_m = 0;  ///< Mean of the cell's two sides, by the CRS's own unit (degrees: on the equator).
   /// The posts used: n_used_rows x n_used_cols from (grid_row, grid_col) of the mosaic on; columns modulo the mosaic's
@@ -77,6 +82,11 @@ class RasterMosaic {
   /// there. Cheapest when rows are read in ascending order; the last row closes the file.
   Result<void> read_rows(std::size_t s, std::int64_t first_row, std::int64_t n, std::vector<float>& heights_m,
                          std::uint64_t& n_implausible) const;
+
+  /// The same for a window of n_rows x n_cols from (row, col) of the used posts on, in any order of windows; the file
+  /// stays open. Precondition: the window lies inside.
+  Result<void> read_window(std::size_t s, std::int64_t row, std::int64_t col, std::int64_t n_rows, std::int64_t n_cols,
+                           std::vector<float>& heights_m, std::uint64_t& n_implausible) const;
 
   /// Rows [first_row, first_row + n) of the file of source `s` as it is, n x n_cols, the file's first row first.
   /// Failures as read_rows().

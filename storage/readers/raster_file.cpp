@@ -145,6 +145,7 @@ Result<void> read_crs(RasterFile& s) {
                         "no CRS, and its coordinates are not degrees; give it one with gdal_translate -a_srs EPSG:N");
     }
     s.notes.push_back(fmt::format("{}: no CRS; its degrees are taken as EPSG:4326", s.info.name));
+    s.info.crs_is_assumed = true;
     s.crs.SetWellKnownGeogCS("WGS84");
     s.crs.SetAxisMappingStrategy(OAMS_TRADITIONAL_GIS_ORDER);
     s.info.crs = crs_text(s.crs);
@@ -258,6 +259,8 @@ Result<void> read_vertical(RasterFile& s, GDALRasterBand& band, const RasterOpti
   } else if (const auto* crs = s.dataset->GetSpatialRef(); crs != nullptr && crs->GetAttrNode("VERT_CS")) {
     const double vertical = crs->GetTargetLinearUnits("VERT_CS", nullptr);
     if (vertical > 0) factor = vertical;
+  } else {
+    s.info.unit_is_assumed = true;
   }
   int has_scale = 0, has_offset = 0;
   const double scale = band.GetScale(&has_scale), offset = band.GetOffset(&has_offset);
@@ -372,9 +375,13 @@ Result<RasterFile> inspect_raster(const std::string& path, const RasterOptions& 
     const CPLStringList files(s.dataset->GetFileList());
     if (files.Count() > 0) hashed = files[0];
   }
-  auto hash = hash_file(hashed);
-  if (!hash) return tl::unexpected(hash.error());
-  s.info.sha256 = *hash;
+  if (options.hash_files) {
+    auto hash = hash_file(hashed);
+    if (!hash) return tl::unexpected(hash.error());
+    s.info.sha256 = *hash;
+  } else {
+    s.info.sha256 = s.gdal_name;
+  }
   s.dataset.reset();  // reading opens it again: a mosaic may have more files than a process may have open
   return s;
 }
