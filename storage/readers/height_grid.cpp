@@ -8,6 +8,7 @@
 
 #include <fmt/format.h>
 
+#include "storage/readers/falloff.hpp"
 #include "storage/readers/post_arrays.hpp"
 #include "storage/readers/void_fill.hpp"
 

@@ -13,6 +13,7 @@
 #include <fmt/format.h>
 
 #include "core/delaunay_surface.hpp"
+#include "storage/readers/falloff.hpp"
 #include "storage/readers/gdal_raster.hpp"
 #include "storage/readers/point_scatter.hpp"
 #include "storage/readers/post_arrays.hpp"

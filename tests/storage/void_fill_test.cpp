@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Filling and falloff on random masks, against the definition by brute force.
+#include "storage/readers/falloff.hpp"
 #include "storage/readers/void_fill.hpp"
 
 #include <algorithm>

@@ -1,0 +1,247 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "storage/readers/falloff.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <vector>
+
+namespace tind {
+namespace {
+
+/// Posts [begin, end) of one row. Columns may be unwrapped.
+struct Run {
+  std::int64_t row, begin, end;
+};
+
+/// The first column from `col` on whose post is a void; n_cols: there is none.
+std::int64_t next_void(const PostOrigin* row, std::int64_t col, std::int64_t n_cols) {
+  static_assert(static_cast<int>(PostOrigin::kBase) == 0);
+  const void* at = std::memchr(row + col, 0, static_cast<std::size_t>(n_cols - col));
+  return at == nullptr ? n_cols : static_cast<const PostOrigin*>(at) - row;
+}
+
+/// The nearest post with a height for every void post of one row: squared distances from one-dimensional ones
+/// (Meijster, Roerdink, Hesselink 2000, "A general algorithm for computing distance transforms in linear time").
+class NearestInRow {
+ public:
+  struct Site {
+    std::int64_t col;    ///< Unwrapped column.
+    std::int64_t row;    ///< Nearest row with a height in that column.
+    std::int64_t rise2;  ///< Squared distance to it, in rows.
+  };
+  /// Starts a row whose columns begin at `first_col`.
+  void clear(std::int64_t first_col) {
+    hull_.clear();
+    first_col_ = first_col;
+  }
+  /// Columns in ascending order.
+  void add(const Site& site) {
+    while (!hull_.empty()) {
+      const auto& [top, from] = hull_.back();
+      if (gap(top, from) <= gap(site, from)) break;
+      hull_.pop_back();
+    }
+    if (hull_.empty()) {
+      hull_.push_back({site, first_col_});
+      return;
+    }
+    const Site& top = hull_.back().site;
+    const std::int64_t numerator = site.col * site.col - top.col * top.col + site.rise2 - top.rise2;
+    const std::int64_t denominator = 2 * (site.col - top.col);
+    std::int64_t last = numerator / denominator;
+    if (numerator < 0 && last * denominator != numerator) --last;
+    hull_.push_back({site, last + 1});
+  }
+  bool empty() const { return hull_.empty(); }
+  /// Sites in the order of columns, each with the first column where it is the nearest one.
+  struct Entry {
+    Site site;
+    std::int64_t from;
+  };
+  const std::vector<Entry>& hull() const { return hull_; }
+  static std::int64_t gap(const Site& site, std::int64_t col) {
+    return (col - site.col) * (col - site.col) + site.rise2;
+  }
+
+ private:
+  std::vector<Entry> hull_;
+  std::int64_t first_col_ = 0;
+};
+
+/// Nearest rows with a height at or south, and at or north, of a post. Columns are followed as long as rows ask for
+/// them one after the other, and looked up anew after a pause.
+class NearestInColumn {
+ public:
+  static constexpr std::int64_t kNone = -1;
+  struct Rows {
+    std::int64_t south = kNone, north = kNone;  ///< kNone: none within the limit.
+  };
+
+  NearestInColumn(const PostGrid& grid, std::int64_t limit)
+      : grid_(grid), limit_(limit), columns_(static_cast<std::size_t>(grid.n_cols)) {}
+
+  /// Rows are asked for in ascending order.
+  const Rows& at(std::int64_t r, std::int64_t c) {
+    Column& column = columns_[static_cast<std::size_t>(c)];
+    if (column.row == r) return column.nearest;
+    Rows& nearest = column.nearest;
+    if (column.row + 1 != r) {
+      nearest.north = find_north(r, c);
+      nearest.south = nearest.north == r ? r : find_south(r, c);
+    } else {
+      if (nearest.north == kNone) {
+        if (r + limit_ < grid_.n_rows && has_height(r + limit_, c)) nearest.north = r + limit_;
+      } else if (nearest.north < r) {
+        nearest.north = find_north(r, c);
+      }
+      if (nearest.north == r) nearest.south = r;
+      if (nearest.south != kNone && r - nearest.south > limit_) nearest.south = kNone;
+    }
+    column.row = r;
+    return nearest;
+  }
+
+ private:
+  struct Column {
+    std::int64_t row = -2;  ///< The last one asked for.
+    Rows nearest;
+  };
+
+  bool has_height(std::int64_t r, std::int64_t c) const {
+    const PostOrigin origin = grid_.origins[r * grid_.n_cols + c];
+    return origin == PostOrigin::kSource || origin == PostOrigin::kFilled;
+  }
+  std::int64_t find_north(std::int64_t r, std::int64_t c) const {
+    for (std::int64_t rr = r; rr <= std::min(r + limit_, grid_.n_rows - 1); ++rr) {
+      if (has_height(rr, c)) return rr;
+    }
+    return kNone;
+  }
+  std::int64_t find_south(std::int64_t r, std::int64_t c) const {
+    for (std::int64_t rr = r; rr >= std::max<std::int64_t>(r - limit_, 0); --rr) {
+      if (has_height(rr, c)) return rr;
+    }
+    return kNone;
+  }
+
+  const PostGrid& grid_;
+  const std::int64_t limit_;
+  std::vector<Column> columns_;
+};
+
+/// One row of one sweep: every post becomes the mean of its neighbours, those in the row as they were before it.
+void relax_run(PostGrid& grid, const Run& run, std::vector<float>& before) {
+  float* row = grid.heights_m + run.row * grid.n_cols;
+  const std::int64_t n = run.end - run.begin;
+  before.resize(static_cast<std::size_t>(n + 2));
+  std::copy(row + run.begin, row + run.end, before.begin() + 1);
+  const bool has_west = run.begin > 0 || grid.wraps, has_east = run.end < grid.n_cols || grid.wraps;
+  if (has_west) before.front() = row[run.begin > 0 ? run.begin - 1 : grid.n_cols - 1];
+  if (has_east) before.back() = row[run.end < grid.n_cols ? run.end : 0];
+  const bool has_south = run.row > 0, has_north = run.row + 1 < grid.n_rows;
+  const auto relax = [&](std::int64_t k) {
+    const std::int64_t c = run.begin + k;
+    float sum = 0;
+    int n_sides = 0;
+    const auto add = [&](float v) { sum += v, ++n_sides; };
+    if (has_south) add(row[c - grid.n_cols]);
+    if (has_north) add(row[c + grid.n_cols]);
+    if (k > 0 || has_west) add(before[static_cast<std::size_t>(k)]);
+    if (k + 1 < n || has_east) add(before[static_cast<std::size_t>(k + 2)]);
+    row[c] = sum / static_cast<float>(n_sides);
+  };
+  if (!has_south || !has_north) {
+    for (std::int64_t k = 0; k < n; ++k) relax(k);
+    return;
+  }
+  relax(0);
+  if (n == 1) return;
+  // The same in one expression, for the vector unit.
+  const float *south = row + run.begin - grid.n_cols, *north = row + run.begin + grid.n_cols;
+  const float* old = before.data();
+  float* __restrict out = row + run.begin;
+  for (std::int64_t k = 1; k < n - 1; ++k) out[k] = (((south[k] + north[k]) + old[k]) + old[k + 2]) / 4.0f;
+  relax(n - 1);
+}
+
+/// Smooths the falloff posts in place; data and base posts are fixed. Runs are in the order of rows.
+void relax_falloff(PostGrid& grid, const std::vector<Run>& runs) {
+  std::vector<float> before;
+  for (int sweep = 0; sweep < kFalloffSweeps; ++sweep) {
+    // Both directions in turn: no side is favoured.
+    if (sweep % 2 == 0) {
+      for (const Run& run : runs) relax_run(grid, run, before);
+    } else {
+      for (auto run = runs.rbegin(); run != runs.rend(); ++run) relax_run(grid, *run, before);
+    }
+  }
+}
+
+}  // namespace
+
+std::uint64_t add_falloff(PostGrid& grid, double base_height_m, std::int64_t falloff_posts) {
+  const std::int64_t limit = falloff_posts, n_cols = grid.n_cols;
+  NearestInColumn columns(grid, limit);
+  NearestInRow nearest;
+  std::vector<Run> voids, falloff;
+  std::uint64_t n_falloff = 0;
+  const auto settle = [&](const Run& run) {
+    float* heights = grid.heights_m + run.row * n_cols;
+    PostOrigin* origins = grid.origins + run.row * n_cols;
+    std::fill(heights + run.begin, heights + run.end, static_cast<float>(base_height_m));
+    const auto& hull = nearest.hull();
+    if (hull.empty()) return;
+    auto entry = std::upper_bound(hull.begin(), hull.end(), run.begin,
+                                  [](std::int64_t c, const NearestInRow::Entry& e) { return c < e.from; });
+    if (entry != hull.begin()) --entry;
+    for (std::int64_t c = run.begin; c < run.end; ++c) {
+      while (entry + 1 != hull.end() && (entry + 1)->from <= c) ++entry;
+      const NearestInRow::Site& site = entry->site;
+      const std::int64_t distance2 = NearestInRow::gap(site, c);
+      if (distance2 >= limit * limit) continue;
+      const double share = 1.0 - std::sqrt(static_cast<double>(distance2)) / static_cast<double>(limit);
+      const double value = grid.heights_m[site.row * n_cols + ((site.col % n_cols) + n_cols) % n_cols];
+      heights[c] = static_cast<float>(base_height_m + share * (value - base_height_m));
+      origins[c] = PostOrigin::kFalloff;
+      ++n_falloff;
+      if (!falloff.empty() && falloff.back().row == run.row && falloff.back().end == c) {
+        ++falloff.back().end;
+      } else {
+        falloff.push_back({run.row, c, c + 1});
+      }
+    }
+  };
+  for (std::int64_t r = 0; r < grid.n_rows; ++r) {
+    const PostOrigin* row = grid.origins + r * n_cols;
+    voids.clear();
+    for (std::int64_t c = next_void(row, 0, n_cols); c < n_cols; c = next_void(row, c, n_cols)) {
+      const std::int64_t begin = c;
+      while (c < n_cols && row[c] == PostOrigin::kBase) ++c;
+      voids.push_back({r, begin, c});
+    }
+    // Voids whose surroundings overlap share them. Only there may the nearest post lie.
+    for (std::size_t first = 0, last = 0; first < voids.size(); first = last) {
+      for (last = first + 1; last < voids.size() && voids[last].begin - limit <= voids[last - 1].end + limit;) ++last;
+      std::int64_t begin = voids[first].begin - limit, end = voids[last - 1].end + limit;
+      if (!grid.wraps) {
+        begin = std::max<std::int64_t>(begin, 0);
+        end = std::min(end, n_cols);
+      }
+      nearest.clear(begin);
+      for (std::int64_t col = begin; col < end; ++col) {
+        const NearestInColumn::Rows& rows = columns.at(r, ((col % n_cols) + n_cols) % n_cols);
+        if (rows.south == NearestInColumn::kNone && rows.north == NearestInColumn::kNone) continue;
+        const bool south = rows.north == NearestInColumn::kNone ||
+                           (rows.south != NearestInColumn::kNone && r - rows.south <= rows.north - r);
+        const std::int64_t nearest_row = south ? rows.south : rows.north;
+        nearest.add({col, nearest_row, (nearest_row - r) * (nearest_row - r)});
+      }
+      for (std::size_t k = first; k < last; ++k) settle(voids[k]);
+    }
+  }
+  relax_falloff(grid, falloff);
+  return n_falloff;
+}
+
+}  // namespace tind
