@@ -36,6 +36,7 @@ Result<ScratchMap> ScratchMap::create(const std::string& folder, std::uint64_t n
 }
 
 ScratchMap::~ScratchMap() {
+  resident_ = ResidentMap();
   if (address_ != nullptr) ::munmap(address_, n_bytes_);
 }
 

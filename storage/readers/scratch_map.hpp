@@ -6,11 +6,13 @@
 #include <utility>
 
 #include "core/result.hpp"
+#include "storage/readers/resident_maps.hpp"
 
 namespace tind {
 
 /// Memory map of an unlinked file whose disk space was reserved first, so that a full disk is an error message and
-/// never a SIGBUS. Zero bytes at first. Resident memory is the operating system's page cache.
+/// never a SIGBUS. Zero bytes at first. Its pages may be dropped from the process's memory at any time
+/// (storage/readers/resident_maps.hpp); what was written stays.
 class ScratchMap {
  public:
   /// `folder`: where the file lives while it has a name; empty: the current one. `n_bytes` > 0. kIo: no such folder, no
@@ -18,19 +20,25 @@ class ScratchMap {
   static Result<ScratchMap> create(const std::string& folder, std::uint64_t n_bytes);
   ScratchMap() = default;
   ScratchMap(ScratchMap&& other) noexcept
-      : address_(std::exchange(other.address_, nullptr)), n_bytes_(std::exchange(other.n_bytes_, 0)) {}
+      : address_(std::exchange(other.address_, nullptr)),
+        n_bytes_(std::exchange(other.n_bytes_, 0)),
+        resident_(std::move(other.resident_)) {}
   ScratchMap& operator=(ScratchMap&& other) noexcept {
     std::swap(address_, other.address_);
     std::swap(n_bytes_, other.n_bytes_);
+    std::swap(resident_, other.resident_);
     return *this;
   }
   ~ScratchMap();
   void* data() const { return address_; }
 
  private:
-  ScratchMap(void* address, std::uint64_t n_bytes) : address_(address), n_bytes_(n_bytes) {}
+  ScratchMap(void* address, std::uint64_t n_bytes)
+      : address_(address), n_bytes_(n_bytes), resident_(address, n_bytes) {}
+
   void* address_ = nullptr;
   std::uint64_t n_bytes_ = 0;
+  ResidentMap resident_;
 };
 
 }  // namespace tind

@@ -1,0 +1,47 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+#include <condition_variable>
+#include <cstdint>
+#include <mutex>
+#include <optional>
+#include <thread>
+
+#include "storage/readers/resident_maps.hpp"
+
+namespace tind {
+
+/// Memory of this process that is resident now, in bytes, its share of mapped files included (what the system calls
+/// RSS, and whose peak it calls VmHWM); nullopt where /proc does not say.
+std::optional<std::uint64_t> resident_bytes();
+
+/// While it lives, a thread keeps the resident memory of this process near a limit by dropping the pages of the maps
+/// that are named by a ResidentMap (every ScratchMap is). They come back when they are needed, from the page cache as a
+/// rule. Memory that is no such map cannot be dropped: where that alone is beyond the limit, maps get some room
+/// (kLeastRoom) on top of it.
+class ResidentLimit {
+ public:
+  /// What maps may take at least before they are dropped again.
+  static constexpr std::uint64_t kLeastRoom = std::uint64_t{32} << 20;
+
+  explicit ResidentLimit(std::uint64_t limit_bytes);
+  ResidentLimit(const ResidentLimit&) = delete;
+  ResidentLimit& operator=(const ResidentLimit&) = delete;
+  /// Ends the thread.
+  ~ResidentLimit();
+
+  /// How often maps were dropped so far.
+  std::uint64_t n_releases() const;
+
+ private:
+  void run();
+
+  const std::uint64_t limit_bytes_;
+  mutable std::mutex mutex_;
+  std::condition_variable wake_;
+  bool ended_ = false;
+  std::uint64_t n_releases_ = 0;
+  std::thread thread_;
+};
+
+}  // namespace tind
