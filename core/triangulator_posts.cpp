@@ -1,0 +1,175 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "core/triangulator_posts.hpp"
+
+#include <cmath>
+#include <limits>
+
+#include "core/level_spec.hpp"
+
+namespace tind {
+
+void TilePosts::reset(const HeightField& field, const TileKey& key) {
+  field_ = &field;
+  side_ = field.lattice.tile_side(key.level);
+  west_ = side_ * key.x;
+  south_ = side_ * key.y;
+  nudge_ = 1e-5 + 1e-13 * static_cast<double>(field.lattice.width());
+  windows_.clear();
+  covered_.clear();
+  points_.clear();
+  find_windows();
+  std::int64_t n = 0;
+  for (PostWindow& w : windows_) {
+    w.slack_x = nudge_ / w.dx;
+    w.slack_y = nudge_ / w.dy;
+    w.first_index = n;
+    n += w.n_cols * w.n_rows;
+    if (w.is_base_grid || field.points.empty()) continue;
+    for (std::int64_t r = 0; r < w.n_rows && w.all_promised; ++r) {
+      const PostOrigin* origins = row_origins(w, r);
+      w.all_promised = std::find(origins, origins + w.n_cols, PostOrigin::kInterpolated) == origins + w.n_cols;
+    }
+  }
+  first_point_ = n;
+  if (!field.points.empty()) collect_points();
+}
+
+void TilePosts::find_windows() {
+  const HeightField& field = *field_;
+  const double width = static_cast<double>(field.lattice.width()), side = static_cast<double>(side_);
+  for (const double turn : {-width, 0.0, width}) {
+    PostWindow w;
+    w.dx = field.dx;
+    w.dy = field.dy;
+    const double x0 = field.x0 + turn - static_cast<double>(west_), y0 = field.y0 - static_cast<double>(south_);
+    const auto first = [this](double origin, double step) {
+      return std::max<std::int64_t>(0, ceil_of((-origin - nudge_) / step));
+    };
+    const auto last = [this, side](double origin, double step, std::int64_t n) {
+      return std::min<std::int64_t>(n - 1, floor_of((side - origin + nudge_) / step));
+    };
+    w.field_col = first(x0, w.dx);
+    w.field_row = first(y0, w.dy);
+    w.n_cols = last(x0, w.dx, field.n_cols) - w.field_col + 1;
+    w.n_rows = last(y0, w.dy, field.n_rows) - w.field_row + 1;
+    if (w.n_cols <= 0 || w.n_rows <= 0) continue;
+    w.x0 = x0 + static_cast<double>(w.field_col) * w.dx;
+    w.y0 = y0 + static_cast<double>(w.field_row) * w.dy;
+    windows_.push_back(w);
+  }
+  // Posts end where the grid ends: beyond it the base height is checked on the level's own grid.
+  if (is_covered(0, 0) && is_covered(side, 0) && is_covered(0, side) && is_covered(side, side) && field.n_rows > 1) {
+    const double west = static_cast<double>(west_), last = field.post_x(field.n_cols - 1);
+    if (field.wraps || (field.x0 <= west && west + side <= last)) return;
+  }
+  PostWindow grid;
+  grid.is_base_grid = true;
+  grid.dx = grid.dy = static_cast<double>(side_ / kCellsPerTile);
+  grid.n_cols = grid.n_rows = kCellsPerTile + 1;
+  windows_.push_back(grid);
+  find_covered_boxes();
+}
+
+// As HeightField::covers, in local lattice steps and a little smaller.
+void TilePosts::find_covered_boxes() {
+  const HeightField& f = *field_;
+  const double width = static_cast<double>(f.lattice.width()), west = static_cast<double>(west_);
+  const double south = (f.continues_south ? 0.0 : f.y0) - static_cast<double>(south_);
+  const double north = (f.continues_north ? static_cast<double>(f.lattice.height()) : f.post_y(f.n_rows - 1)) -
+                       static_cast<double>(south_);
+  for (const double turn : {-width, 0.0, width}) {
+    Box box{f.x0 + turn - west, south, f.post_x(f.n_cols - 1) + turn - west, north};
+    if (f.wraps) {
+      box.west = -nudge_;
+      box.east = static_cast<double>(side_) + nudge_;
+    }
+    covered_.push_back({box.west + nudge_, box.south + nudge_, box.east - nudge_, box.north - nudge_});
+  }
+}
+
+bool TilePosts::is_covered(const PlanTriangle& t) const {
+  const double south = std::min({t.y[0], t.y[1], t.y[2]}), north = std::max({t.y[0], t.y[1], t.y[2]});
+  const double west = std::min({t.x[0], t.x[1], t.x[2]}), east = std::max({t.x[0], t.x[1], t.x[2]});
+  for (const Box& b : covered_) {
+    if (west >= b.west && east <= b.east && south >= b.south && north <= b.north) return true;
+  }
+  return false;
+}
+
+void TilePosts::collect_points() {
+  const double width = static_cast<double>(field_->lattice.width()), side = static_cast<double>(side_);
+  found_.clear();
+  for (const double turn : {0.0, width}) {
+    const double west = static_cast<double>(west_) + turn, south = static_cast<double>(south_);
+    field_->points.for_blocks(west - nudge_, south - nudge_, west + side + nudge_, south + side + nudge_,
+                              [&](const PointPost& p) {
+                                const TilePoint local{p.x - west, p.y - south, static_cast<double>(p.height_m)};
+                                if (local.x < -nudge_ || local.x > side + nudge_) return;
+                                if (local.y < -nudge_ || local.y > side + nudge_) return;
+                                found_.push_back(local);
+                              });
+  }
+  if (found_.empty()) return;
+  double x1 = found_[0].x, y1 = found_[0].y;
+  cells_x0_ = x1;
+  cells_y0_ = y1;
+  for (const TilePoint& p : found_) {
+    cells_x0_ = std::min(cells_x0_, p.x);
+    cells_y0_ = std::min(cells_y0_, p.y);
+    x1 = std::max(x1, p.x);
+    y1 = std::max(y1, p.y);
+  }
+  // About one point a cell, wherever the points are.
+  const double n = static_cast<double>(found_.size()), longer = std::max({x1 - cells_x0_, y1 - cells_y0_, 1.0});
+  cell_size_ = std::max(std::sqrt((x1 - cells_x0_) * (y1 - cells_y0_) / n), longer / n);
+  n_cell_cols_ = static_cast<std::int64_t>((x1 - cells_x0_) / cell_size_) + 1;
+  n_cell_rows_ = static_cast<std::int64_t>((y1 - cells_y0_) / cell_size_) + 1;
+  const auto cell_of = [&](const TilePoint& p) {
+    return static_cast<std::size_t>(cell_row(p.y) * n_cell_cols_ + cell_col(p.x));
+  };
+  cell_first_.assign(static_cast<std::size_t>(n_cell_cols_ * n_cell_rows_) + 1, 0);
+  for (const TilePoint& p : found_) ++cell_first_[cell_of(p) + 1];
+  for (std::size_t k = 1; k < cell_first_.size(); ++k) cell_first_[k] += cell_first_[k - 1];
+  points_.resize(found_.size());
+  cell_next_.assign(cell_first_.begin(), cell_first_.end() - 1);
+  for (const TilePoint& p : found_) points_[cell_next_[cell_of(p)]++] = p;
+}
+
+std::pair<double, double> TilePosts::position(std::int64_t index) const {
+  if (index >= first_point_) {
+    const TilePoint& p = points_[static_cast<std::size_t>(index - first_point_)];
+    return {p.x, p.y};
+  }
+  const PostWindow* w = &windows_.back();
+  while (index < w->first_index) --w;
+  const std::int64_t at = index - w->first_index, r = at / w->n_cols;
+  return {w->x(at - r * w->n_cols), w->y(r)};
+}
+
+std::pair<double, double> TilePosts::height_range() const {
+  double low = std::numeric_limits<double>::infinity(), high = -low;
+  for (const PostWindow& w : windows_) {
+    if (w.is_base_grid) {
+      low = std::min(low, field_->base_height_m);
+      high = std::max(high, field_->base_height_m);
+      continue;
+    }
+    for (std::int64_t r = 0; r < w.n_rows; ++r) {
+      const float* heights = row_heights(w, r);
+      float least = heights[0], most = heights[0];
+      for (std::int64_t c = 1; c < w.n_cols; ++c) {
+        least = heights[c] < least ? heights[c] : least;
+        most = heights[c] > most ? heights[c] : most;
+      }
+      low = std::min(low, static_cast<double>(least));
+      high = std::max(high, static_cast<double>(most));
+    }
+  }
+  for (const TilePoint& p : points_) {
+    low = std::min(low, p.height_m);
+    high = std::max(high, p.height_m);
+  }
+  return {low, high};
+}
+
+}  // namespace tind
