@@ -70,10 +70,10 @@ Bytes encode_edge(const EdgeChain& edge) {
     out.uvarint(static_cast<std::uint64_t>(v.t - t));
     t = v.t;
   }
-  for (const EdgeVertex& v : edge.inner) {
-    out.svarint(v.z - z);
+  out.svarints(edge.inner, [&](const EdgeVertex& v, auto put) {
+    put(v.z - z);
     z = v.z;
-  }
+  });
   return out.take();
 }
 
@@ -101,8 +101,12 @@ Result<EdgeChain> decode_edge(ByteView record) {
   return edge;
 }
 
-Bytes encode_body(const TileBody& body) {
-  ByteWriter out;
+namespace {
+
+// Writes the record and gives the ends of all but the last of its columns.
+std::array<std::size_t, 4> write_body(ByteWriter& out, const TileBody& body) {
+  // What is usual; more is taken where it is needed.
+  out.reserve(64 + 8 * body.interior.size() + 5 * body.triangles.size() + 16 * body.virtual_triangles.size());
   out.fixed(kBodyTag);
   out.fixed(static_cast<std::uint8_t>(body.stats.coverage));
   out.svarint(body.stats.min_z);
@@ -115,15 +119,32 @@ Bytes encode_body(const TileBody& body) {
   out.uvarint(body.triangles.size());
   out.fixed(body.n_gaps);
   out.uvarint(body.virtual_triangles.size());
-  write_vertices(out, body.interior);
+  const auto [x_end, y_end, z_end] = write_vertices(out, body.interior);
   write_triangles(out, body.triangles);
+  const std::size_t triangles_end = out.size();
   write_virtual_triangles(out, body.virtual_triangles);
+  return {x_end, y_end, z_end, triangles_end};
+}
+
+}  // namespace
+
+Bytes encode_body(const TileBody& body) {
+  ByteWriter out;
+  write_body(out, body);
   return out.take();
+}
+
+Bytes pack_body(const TileBody& body) {
+  ByteWriter out;
+  const auto column_ends = write_body(out, body);
+  return pack_value(out.take(), column_ends);
 }
 
 namespace {
 
-// What stands before the arrays of a body record.
+// The most bytes before the arrays of a body record: three of u8, two of f32, ten varints.
+constexpr std::uint64_t kLongestHeadBytes = 3 + 2 * 4 + 10 * 10;
+
 struct BodyHead {
   TileStats stats;
   std::array<std::uint32_t, 4> n_side{};
@@ -161,15 +182,37 @@ std::optional<BodyHead> read_body_head(ByteReader& in, std::uint64_t record_byte
 
 // The three columns of `vertices`; fails the reader on anything out of range.
 void read_vertices(ByteReader& in, std::vector<LocalVertex>& vertices) {
+  const auto column = [&](auto take) {
+    std::int64_t value = 0;
+    bool overflow = false;
+    in.svarints(vertices, [&](LocalVertex& v, auto get) {
+      overflow |= __builtin_add_overflow(value, get(), &value);
+      take(v, value);
+    });
+    if (overflow) in.set_failed();
+  };
+  column([](LocalVertex& v, std::int64_t x) { v.x = x; });
+  column([](LocalVertex& v, std::int64_t y) { v.y = y; });
+  bool too_large = false;
+  column([&](LocalVertex& v, std::int64_t z) {
+    v.z = static_cast<std::int32_t>(z);
+    too_large |= v.z != z;
+  });
+  if (too_large) in.set_failed();
+}
+
+// The triangle list, likewise.
+void read_triangles(ByteReader& in, std::vector<Triangle>& triangles) {
   std::int64_t previous = 0;
-  for (LocalVertex& v : vertices) v.x = previous = add_delta(in, previous, in.svarint());
-  previous = 0;
-  for (LocalVertex& v : vertices) v.y = previous = add_delta(in, previous, in.svarint());
-  previous = 0;
-  for (LocalVertex& v : vertices) {
-    previous = add_delta(in, previous, in.svarint());
-    v.z = to_height(in, previous);
-  }
+  bool bad = false;
+  in.svarints(triangles, [&](Triangle& t, auto get) {
+    for (std::uint32_t& index : t) {
+      bad |= __builtin_add_overflow(previous, get(), &previous);
+      index = static_cast<std::uint32_t>(previous);
+      bad |= index != previous;
+    }
+  });
+  if (bad) in.set_failed();
 }
 
 }  // namespace
@@ -183,7 +226,7 @@ Result<std::vector<LocalVertex>> decode_interior(ByteView value) {
     if (!n_missing) {
       ByteReader in(so_far);
       const auto head = read_body_head(in, whole_bytes);
-      if (!head) return true;  // it fits into the first piece, so more bytes would not mend it
+      if (!head) return so_far.size() >= kLongestHeadBytes;  // then it is broken, and more bytes would not mend it
       n_counted = in.position();
       n_missing = 3 * head->n_interior;
     }
@@ -216,16 +259,9 @@ Result<TileBody> decode_body(ByteView record) {
   body.interior.resize(head->n_interior);
   read_vertices(in, body.interior);
   if (!in.ok()) return corrupt("body");
-  std::int64_t previous = 0;
   body.triangles.resize(n_triangles);
-  for (Triangle& t : body.triangles) {
-    for (std::uint32_t& index : t) {
-      previous = add_delta(in, previous, in.svarint());
-      if (previous < 0) in.set_failed();
-      index = to_u32(in, static_cast<std::uint64_t>(previous));
-      if (!in.ok()) return corrupt("body");
-    }
-  }
+  read_triangles(in, body.triangles);
+  if (!in.ok()) return corrupt("body");
   // At most two border edges a triangle, so what is reserved stays in proportion to the bytes.
   if (n_vts > n_triangles) return corrupt("body");
   body.virtual_triangles.reserve(n_vts);

@@ -3,28 +3,27 @@
 
 namespace tind {
 
-void write_vertices(ByteWriter& out, const std::vector<LocalVertex>& vertices) {
+std::array<std::size_t, 3> write_vertices(ByteWriter& out, const std::vector<LocalVertex>& vertices) {
   const auto column = [&](auto member) {
     std::int64_t previous = 0;
-    for (const LocalVertex& v : vertices) {
+    out.svarints(vertices, [&](const LocalVertex& v, auto put) {
       const std::int64_t value = v.*member;
-      out.svarint(value - previous);
+      put(value - previous);
       previous = value;
-    }
+    });
+    return out.size();
   };
-  column(&LocalVertex::x);
-  column(&LocalVertex::y);
-  column(&LocalVertex::z);
+  return {column(&LocalVertex::x), column(&LocalVertex::y), column(&LocalVertex::z)};
 }
 
 void write_triangles(ByteWriter& out, const std::vector<Triangle>& triangles) {
   std::int64_t previous = 0;
-  for (const Triangle& t : triangles) {
+  out.svarints<3>(triangles, [&](const Triangle& t, auto put) {
     for (const std::uint32_t index : t) {
-      out.svarint(static_cast<std::int64_t>(index) - previous);
+      put(static_cast<std::int64_t>(index) - previous);
       previous = index;
     }
-  }
+  });
 }
 
 void write_virtual_triangles(ByteWriter& out, const std::vector<VirtualTriangle>& vts) {
@@ -38,6 +37,8 @@ void write_virtual_triangles(ByteWriter& out, const std::vector<VirtualTriangle>
 
 Bytes encode_vn(const Lattice& lattice, const VirtualNode& node, double tolerance_m) {
   ByteWriter out;
+  // About what a vertex and its two triangles take.
+  out.reserve(128 + 16 * node.vertices.size());
   for (const char c : {'T', 'V', 'N', '1'}) out.fixed(c);
   out.fixed(node.key.level);
   out.fixed(static_cast<std::uint8_t>(lattice.level));

@@ -44,6 +44,21 @@ TileBody real_body() {
   return body;
 }
 
+// Larger than zstd's blocks of 128 KiB, so that most of it need not be unpacked.
+TileBody large_body() {
+  TileBody body;
+  for (std::int64_t k = 0; k < 30000; ++k) {
+    body.interior.push_back({static_cast<std::int64_t>(noise(1, k, 0) * 65536),
+                             static_cast<std::int64_t>(noise(2, k, 0) * 65536),
+                             static_cast<std::int32_t>(noise(3, k, 0) * 1e6)});
+  }
+  for (std::uint32_t k = 0; k < 60000; ++k) {
+    const auto vertex = [&](std::int64_t seed) { return static_cast<std::uint32_t>(noise(seed, k, 0) * 30000); };
+    body.triangles.push_back({vertex(4), vertex(5), vertex(6)});
+  }
+  return body;
+}
+
 Manifest real_manifest() {
   Manifest m;
   m.mode = "standard";
@@ -125,26 +140,15 @@ TEST(BodyInterior, IsThatOfTheBodyHoweverPacked) {
   const TileBody body = real_body();
   const Bytes record = encode_body(body);
   EXPECT_EQ(decode_interior(record).value(), body.interior);
-  for (const int level : {1, 19}) EXPECT_EQ(decode_interior(zstd_compress(record, level)).value(), body.interior);
+  for (const Bytes& value : {pack_body(body), zstd_compress(record, 1), zstd_compress(record, 19)}) {
+    ASSERT_TRUE(is_zstd_frame(value));
+    EXPECT_EQ(decode_interior(value).value(), body.interior);
+  }
+  EXPECT_EQ(decode_interior(pack_body(TileBody{})).value(), std::vector<LocalVertex>{});
   EXPECT_EQ(decode_interior(encode_body(TileBody{})).value(), std::vector<LocalVertex>{});
   EXPECT_FALSE(decode_interior(encode_edge(real_edge())));
   EXPECT_FALSE(decode_interior(zstd_compress(encode_edge(real_edge()), 3)));
   EXPECT_FALSE(decode_interior({}));
-}
-
-// Larger than zstd's blocks of 128 KiB, so that most of it need not be unpacked.
-TileBody large_body() {
-  TileBody body;
-  for (std::int64_t k = 0; k < 30000; ++k) {
-    body.interior.push_back({static_cast<std::int64_t>(noise(1, k, 0) * 65536),
-                             static_cast<std::int64_t>(noise(2, k, 0) * 65536),
-                             static_cast<std::int32_t>(noise(3, k, 0) * 1e6)});
-  }
-  for (std::uint32_t k = 0; k < 60000; ++k) {
-    const auto vertex = [&](std::int64_t seed) { return static_cast<std::uint32_t>(noise(seed, k, 0) * 30000); };
-    body.triangles.push_back({vertex(4), vertex(5), vertex(6)});
-  }
-  return body;
 }
 
 TEST(BodyInterior, LeavesWhatFollowsPacked) {
@@ -219,6 +223,32 @@ TEST(Value, IsTheShorterOfRecordAndFrame) {
   EXPECT_TRUE(is_zstd_frame(packed));
   EXPECT_EQ(unpack_value(packed).value(), large);
   EXPECT_EQ(unpack_value(small).value(), small);
+}
+
+TEST(Value, OfABodyIsShorterBySections) {
+  for (const TileBody& body : {real_body(), large_body(), TileBody{}}) {
+    const Bytes record = encode_body(body), packed = pack_body(body), plain = pack_value(record);
+    EXPECT_EQ(unpack_value(packed).value(), record);
+    EXPECT_LE(packed.size(), record.size());
+    if (record.size() > 4096) {
+      EXPECT_LT(packed.size(), plain.size());
+    }
+  }
+}
+
+TEST(Value, DoesNotDependOnWhatWasPackedBefore) {
+  const Bytes first = pack_body(real_body());
+  pack_body(large_body());
+  pack_value(encode_edge(real_edge()));
+  EXPECT_EQ(pack_body(real_body()), first);
+}
+
+TEST(Value, KeepsSectionsOfNoBytes) {
+  Bytes record(1000, 7);
+  const std::array<std::size_t, 4> ends = {0, 500, 500, 1000};
+  const Bytes packed = pack_value(record, ends);
+  EXPECT_TRUE(is_zstd_frame(packed));
+  EXPECT_EQ(unpack_value(packed).value(), record);
 }
 
 TEST(Value, SurvivesDamage) {
