@@ -251,7 +251,7 @@ class PyramidBuilder {
     result.n_line_pieces = task.constraints.size();
     result.n_left_out = surface.n_left_out;
     result.n_triangles = body.triangles.size();
-    result.value = pack_value(encode_body(body));
+    result.value = pack_body(body);
     return result;
   }
 
