@@ -1,9 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
-#include <cstddef>
 #include <cstdint>
-#include <functional>
 #include <optional>
 #include <vector>
 
@@ -26,6 +24,7 @@ struct DrainageOptions {
   double max_change_m = 0;  ///< Conditioning moves no height by more than this; E_bottom / 2 is sound. >= 0.
   std::vector<double> deviation_limits_m;  ///< For DrainageCounts::deviations_above, e.g. E_L / 2 per level.
   std::int64_t block_side = kBlockSide;    ///< Posts along a block; bounds the heap, changes no result. 1..32768
+  FlowRun run;                             ///< Threads, cancel flag, progress of the whole; changes no result.
 };
 
 struct DrainageCounts {
@@ -67,13 +66,10 @@ struct Drainage {
 /// Shores outweigh streams: a lake is flat where a stream only passes.
 inline constexpr double kShoreWeight = 1e12;
 
-/// Gives memory (not owned by the taker, alive until derive_drainage returns, contents arbitrary, aligned for doubles),
-/// or null when there is none. A mapped scratch file keeps rasters larger than memory possible.
-using ScratchAllocator = std::function<void*(std::size_t n_bytes)>;
-
-/// Streams and lake shores of `field` (docs/decisions/0007-drainage.md). Takes 14 bytes a post from `scratch`; its own
-/// heap holds one block, the streams' posts and a table of lakes. Same result for any block size. One thread.
-/// kInvalidInput: an option out of range, no posts, or posts closer than a lattice step. kIo: no scratch.
+/// Streams and lake shores of `field` (docs/decisions/0007-drainage.md). Takes 10 bytes a post and some 30 for each
+/// post that carries a stream from `scratch`; its own heap holds a block a thread, the runs of the largest piece of
+/// level water, and what it returns. Same result for any block size and number of threads. kInvalidInput: an option out
+/// of range, no posts, or posts closer than a lattice step. kIo: no scratch. kInterrupted.
 Result<Drainage> derive_drainage(const HeightField& field, const DrainageOptions& options,
                                  const ScratchAllocator& scratch);
 

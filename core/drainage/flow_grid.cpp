@@ -2,6 +2,7 @@
 #include "core/drainage/flow_grid.hpp"
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <numbers>
 
@@ -30,7 +31,7 @@ double FlowGrid::step_m(std::int64_t r, int d) const {
   return std::hypot((east_m[low] + east_m[low + 1]) / 2, north_m[low]);
 }
 
-FlowGrid make_flow_grid(const HeightField& field, std::uint8_t* marks) {
+FlowGrid make_flow_grid(const HeightField& field, std::uint8_t* marks, const FlowRun& run) {
   FlowGrid g;
   g.n_rows = field.n_rows;
   g.n_cols = field.n_cols;
@@ -43,22 +44,27 @@ FlowGrid make_flow_grid(const HeightField& field, std::uint8_t* marks) {
   const bool south_pole = field.continues_south && field.y0 < 1;
   const bool north_pole =
       field.continues_north && field.post_y(field.n_rows - 1) > static_cast<double>(field.lattice.height()) - 1;
+  std::vector<std::uint8_t> row_takes_part(static_cast<std::size_t>(g.n_rows), 0);
+  for_row_bands(run, g.n_rows, [&](std::int64_t row_begin, std::int64_t row_end) {
+    for (std::int64_t r = row_begin; r < row_end; ++r) {
+      const bool pole = (r == 0 && south_pole) || (r == g.n_rows - 1 && north_pole);
+      std::uint8_t any = 0;
+      for (std::int64_t i = r * g.n_cols; i < (r + 1) * g.n_cols; ++i) {
+        const PostOrigin origin = field.origins[i];
+        const bool filled = origin == PostOrigin::kFilled;
+        const bool known = origin == PostOrigin::kSource || origin == PostOrigin::kInterpolated;
+        const auto mark = static_cast<std::uint8_t>((known || filled ? kInside : 0) | (filled ? kVoid : 0));
+        any = static_cast<std::uint8_t>(any | mark);
+        marks[i] = pole ? kClosed : mark;
+      }
+      row_takes_part[static_cast<std::size_t>(r)] = any & kInside;
+    }
+  });
   std::int64_t first = -1, last = -1;
   for (std::int64_t r = 0; r < g.n_rows; ++r) {
-    const bool pole = (r == 0 && south_pole) || (r == g.n_rows - 1 && north_pole);
-    for (std::int64_t i = r * g.n_cols; i < (r + 1) * g.n_cols; ++i) {
-      const PostOrigin origin = field.origins[i];
-      const bool takes_part =
-          origin == PostOrigin::kSource || origin == PostOrigin::kInterpolated || origin == PostOrigin::kFilled;
-      marks[i] = 0;
-      if (takes_part) marks[i] = kInside;
-      if (origin == PostOrigin::kFilled) marks[i] |= kVoid;
-      if (pole) marks[i] = kClosed;
-      if (takes_part) {
-        if (first < 0) first = r;
-        last = r;
-      }
-    }
+    if (!row_takes_part[static_cast<std::size_t>(r)]) continue;
+    if (first < 0) first = r;
+    last = r;
   }
   const double step_rad = field.lattice.step_deg() * std::numbers::pi / 180;
   const auto lat_of = [&](double row) {
@@ -101,28 +107,61 @@ FlowGrid make_flow_grid(const float* heights_m, std::int64_t n_rows, std::int64_
   return g;
 }
 
-void mark_outlets(const FlowGrid& g) {
-  bool any = false;
-  std::int64_t lowest = -1;
-  for (std::int64_t r = 0; r < g.n_rows; ++r) {
-    for (std::int64_t c = 0; c < g.n_cols; ++c) {
-      const std::int64_t i = r * g.n_cols + c;
-      if (!(g.marks[i] & kInside)) continue;
-      bool outlet = (g.marks[i] & kSea) != 0;
-      for (int d = 0; d < 8 && !outlet; ++d) {
-        const std::int64_t n = g.neighbour(r, c, d), rr = r + kStepRows[static_cast<std::size_t>(d)];
-        if (n >= 0) {
-          outlet = !(g.marks[n] & (kInside | kClosed));
-        } else {
-          outlet = !(rr < 0 ? g.closed_south : rr >= g.n_rows && g.closed_north);
-        }
-      }
-      if (outlet) g.marks[i] |= kOutlet;
-      any = any || outlet;
-      if (lowest < 0 || g.heights_m[i] < g.heights_m[lowest]) lowest = i;
+namespace {
+
+// Sets kOutlet in a row; true iff it has one.
+bool mark_row(const FlowGrid& g, std::int64_t r, std::vector<std::uint8_t>& leaves) {
+  const std::int64_t n = g.n_cols;
+  // Whether water may leave over a post of this row, or of the two beside it in its column.
+  const auto open = [&](std::int64_t rr, bool closed) {
+    if (rr < 0 || rr >= g.n_rows) {
+      if (closed) return;
+      std::fill(leaves.begin(), leaves.end(), std::uint8_t{1});
+      return;
     }
+    const std::uint8_t* const row = g.marks + rr * n;
+    for (std::int64_t c = 0; c < n; ++c) {
+      const std::uint8_t out = (row[c] & (kInside | kClosed)) == 0 ? 1 : 0;
+      leaves[static_cast<std::size_t>(c)] = static_cast<std::uint8_t>(leaves[static_cast<std::size_t>(c)] | out);
+    }
+  };
+  std::fill(leaves.begin(), leaves.end(), std::uint8_t{0});
+  open(r - 1, g.closed_south);
+  open(r, false);
+  open(r + 1, g.closed_north);
+  std::uint8_t* const row = g.marks + r * n;
+  std::uint8_t any = 0;
+  const auto mark = [&](std::int64_t c, std::uint8_t west, std::uint8_t east) {
+    const bool out = (west | leaves[static_cast<std::size_t>(c)] | east) != 0 || (row[c] & kSea);
+    const std::uint8_t bit = (row[c] & kInside) && out ? kOutlet : std::uint8_t{0};
+    row[c] = static_cast<std::uint8_t>(row[c] | bit);
+    any = static_cast<std::uint8_t>(any | bit);
+  };
+  for (std::int64_t c = 1; c + 1 < n; ++c) {
+    mark(c, leaves[static_cast<std::size_t>(c - 1)], leaves[static_cast<std::size_t>(c + 1)]);
   }
-  if (!any && lowest >= 0) g.marks[lowest] |= kOutlet;
+  const std::uint8_t beyond = g.wraps ? 0 : 1;
+  mark(0, g.wraps ? leaves.back() : beyond, n > 1 ? leaves[1] : beyond);
+  if (n > 1) mark(n - 1, leaves[static_cast<std::size_t>(n - 2)], g.wraps ? leaves.front() : beyond);
+  return any != 0;
+}
+
+}  // namespace
+
+void mark_outlets(const FlowGrid& g, const FlowRun& run) {
+  std::atomic<bool> any{false};
+  for_row_bands(run, g.n_rows, [&](std::int64_t row_begin, std::int64_t row_end) {
+    std::vector<std::uint8_t> leaves(static_cast<std::size_t>(g.n_cols));
+    for (std::int64_t r = row_begin; r < row_end; ++r) {
+      if (mark_row(g, r, leaves)) any = true;
+    }
+  });
+  if (any || run.stopped()) return;
+  std::int64_t lowest = -1;
+  for (std::int64_t i = 0; i < g.size(); ++i) {
+    if ((g.marks[i] & kInside) && (lowest < 0 || g.heights_m[i] < g.heights_m[lowest])) lowest = i;
+  }
+  if (lowest >= 0) g.marks[lowest] |= kOutlet;
 }
 
 }  // namespace tind

@@ -3,8 +3,10 @@
 
 #include <array>
 #include <cstdint>
+#include <cstring>
 #include <vector>
 
+#include "core/drainage/flow_run.hpp"
 #include "core/height_field.hpp"
 
 namespace tind {
@@ -29,6 +31,21 @@ inline constexpr std::uint8_t kLake = 32;   ///< Water passes, no stream is draw
 inline constexpr std::uint8_t kBasin = 64;  ///< A deep and wide depression: water passes over it, no stream is drawn.
 inline constexpr std::uint8_t kInFlat =
     128;  ///< No neighbour is lower on the filled surface; water does not leave here.
+
+/// Once directions are known: filled too deep to be conditioned (see StreamOptions).
+inline constexpr std::uint8_t kDeep = kInFlat;
+
+/// The first index in [begin, end) whose mark has one of the bits of `bits`, else `end`.
+inline std::int64_t next_marked(const std::uint8_t* marks, std::int64_t begin, std::int64_t end, std::uint8_t bits) {
+  const std::uint64_t every = 0x0101010101010101u * bits;
+  for (; begin + 8 <= end; begin += 8) {
+    std::uint64_t eight = 0;
+    std::memcpy(&eight, marks + begin, 8);
+    if (eight & every) break;
+  }
+  while (begin < end && !(marks[begin] & bits)) ++begin;
+  return begin;
+}
 
 /// What water flows over: a grid of posts (row-major, row 0 southernmost, column 0 westernmost) with its marks and its
 /// measures in metres. Does not own the two arrays.
@@ -70,7 +87,7 @@ inline constexpr std::uint64_t kCell = std::uint64_t{1} << 20;
 /// The grid of a height field: posts of the source, interpolated posts and interior voids take part; falloff and base
 /// do not. A row on a pole is kClosed, so is the side of a pole: no water crosses a pole. One cell is the area of a
 /// post at the middle latitude of the posts that take part. `marks` (n_rows * n_cols) is filled here, kOutlet excepted.
-FlowGrid make_flow_grid(const HeightField& field, std::uint8_t* marks);
+FlowGrid make_flow_grid(const HeightField& field, std::uint8_t* marks, const FlowRun& run = {});
 
 /// A plain grid: posts with a finite height take part, all posts have one size. `marks` is filled here, kOutlet
 /// excepted.
@@ -79,6 +96,6 @@ FlowGrid make_flow_grid(const float* heights_m, std::int64_t n_rows, std::int64_
 
 /// Sets kOutlet on the sea and on the rim: posts beside one that takes no part (kClosed excepted) or beside the grid's
 /// end. Where there is none at all (a whole globe without a sea) the lowest post is the outlet, of several the first.
-void mark_outlets(const FlowGrid& grid);
+void mark_outlets(const FlowGrid& grid, const FlowRun& run = {});
 
 }  // namespace tind

@@ -2,9 +2,12 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <vector>
 
 #include "core/drainage/flow_grid.hpp"
+#include "core/drainage/flow_run.hpp"
+#include "core/result.hpp"
 
 namespace tind {
 
@@ -15,7 +18,6 @@ struct StreamLink {
   int first_level = 0;              ///< Coarsest level that draws it.
   int strahler = 1;                 ///< Order in the network of the bottom level's threshold.
   std::uint64_t accumulation = 0;   ///< Where it ends (before what joins there), in 1 / kCell cells.
-  std::int64_t downstream = -1;     ///< Link that its water enters next, also beyond a lake or a void; -1 none.
 };
 
 /// How conditioning went.
@@ -31,7 +33,8 @@ struct StreamCounts {
 };
 
 struct StreamNetwork {
-  std::vector<StreamLink> links;  ///< Ascending by their first post's index, then by their second's.
+  /// Per link: the one that its water enters next, also beyond a lake or a void; -1 none.
+  std::vector<std::int64_t> downstream;
   StreamCounts counts;
 };
 
@@ -51,8 +54,12 @@ struct StreamOptions {
 /// by more than 2 * max_change_m keep their own height and divide the streams for conditioning; between them
 /// |z* - z| <= max_change_m follows, so nothing is clamped but for rounding (docs/decisions/0007-drainage.md).
 ///
-/// `filled_m`, `directions`, `accumulation`: size() each, from fill_depressions, direct_flow and accumulate_flow.
-StreamNetwork find_streams(const FlowGrid& grid, const float* filled_m, const std::uint8_t* directions,
-                           const std::uint64_t* accumulation, const StreamOptions& options);
+/// `directions`, `accumulation`: size() each, from direct_flow and accumulate_flow; posts filled too deep are marked
+/// kDeep. Takes some 30 bytes per channel post from `scratch`. `take` is called for each link in ascending order of
+/// first post; the link is valid until it returns. kIo: no scratch; kInvalidInput: 2^32 channel posts or more.
+Result<StreamNetwork> find_streams(const FlowGrid& grid, const std::uint8_t* directions,
+                                   const std::uint64_t* accumulation, const StreamOptions& options,
+                                   const ScratchAllocator& scratch, const FlowRun& run,
+                                   const std::function<void(const StreamLink&)>& take);
 
 }  // namespace tind

@@ -85,8 +85,9 @@ struct Chains {
 };
 
 Result<void> add_drainage(const HeightField& field, const LevelTable& table, const LineOptions& options,
-                          const std::string& scratch_dir, SurfaceLines& lines, Chains& all) {
+                          const std::string& scratch_dir, const FlowRun& run, SurfaceLines& lines, Chains& all) {
   DrainageOptions drainage_options;
+  drainage_options.run = run;
   drainage_options.cells = lines.drainage_cells;
   drainage_options.growth = options.drainage_growth;
   drainage_options.lake_area_m2 = lines.lake_area_m2;
@@ -172,12 +173,13 @@ std::vector<OutputLayer> layers_of(const Lattice& lattice, const LevelTable& tab
 }  // namespace
 
 Result<SurfaceLines> make_surface_lines(const HeightField& field, const LevelTable& table, const LineOptions& options,
-                                        const std::string& scratch_dir, int threads) {
+                                        const std::string& scratch_dir, int threads, const std::atomic<bool>* cancel,
+                                        const std::function<void(double)>& progress) {
   SurfaceLines lines;
   Chains all;
   if (options.drainage) {
     choose_sizes(field, table, options, threads, lines);
-    if (auto added = add_drainage(field, table, options, scratch_dir, lines, all); !added) {
+    if (auto added = add_drainage(field, table, options, scratch_dir, {threads, cancel, progress}, lines, all); !added) {
       return tl::unexpected(added.error());
     }
   }

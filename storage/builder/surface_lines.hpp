@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
+#include <atomic>
 #include <cstdint>
 #include <functional>
 #include <optional>
@@ -51,8 +52,11 @@ struct SurfaceLines {
 };
 
 /// Derives streams and shores of the field, reads the user's lines, cuts them all at each other, generalises them with
-/// the level table. `scratch_dir`: for the flow's arrays. kIo, kInvalidInput.
+/// the level table. `scratch_dir`: for the flow's arrays. `progress(fraction)` is called from this thread while
+/// drainage is derived; null `cancel`: cannot be interrupted. kIo, kInvalidInput, kInterrupted.
 Result<SurfaceLines> make_surface_lines(const HeightField& field, const LevelTable& table, const LineOptions& options,
-                                        const std::string& scratch_dir, int threads);
+                                        const std::string& scratch_dir, int threads,
+                                        const std::atomic<bool>* cancel = nullptr,
+                                        const std::function<void(double)>& progress = {});
 
 }  // namespace tind

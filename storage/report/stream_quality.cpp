@@ -36,16 +36,14 @@ Result<StreamQuality> StreamQuality::make(const SourceGrid& source, const Draina
   auto map = ScratchMap::create(scratch_dir, n * kBytesPerPost);
   if (!map) return tl::unexpected(map.error());
   StreamQuality q(source, options, buffer_cells, std::move(*map));
-  auto* labels = reinterpret_cast<std::int64_t*>(q.cells_);
-
   std::copy_n(field.heights_m, n, q.surface_m_);
   q.grid_ = make_flow_grid(field, q.marks_);
   q.grid_.heights_m = q.surface_m_;
-  mark_sea(q.grid_, options.sea_level_m, labels);
-  mark_lakes(q.grid_, options.lake_area_m2, options.sea_level_m.value_or(0), labels);
+  mark_sea(q.grid_, options.sea_level_m);
+  mark_lakes(q.grid_, options.lake_area_m2, options.sea_level_m.value_or(0));
   mark_outlets(q.grid_);
   fill_depressions(q.grid_, options.block_side, q.filled_m_);
-  mark_basins(q.grid_, q.filled_m_, 2 * options.max_change_m, options.lake_area_m2, labels);
+  mark_basins(q.grid_, q.filled_m_, 2 * options.max_change_m, options.lake_area_m2);
   q.drain();
   for (const int level : levels) q.reference_[level] = q.streams(level);
   return q;
