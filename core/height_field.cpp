@@ -103,12 +103,8 @@ double HeightField::sample_m(double x, double y) const {
 
 std::int32_t HeightField::lattice_height(std::int64_t x, std::int64_t y) const {
   const std::int64_t width = lattice.width();
-  x %= width;
-  if (x < 0) x += width;
-  const auto pin = std::lower_bound(
-      pinned.begin(), pinned.end(), std::tuple(y, x),
-      [](const LatticePoint& p, const std::tuple<std::int64_t, std::int64_t>& at) { return std::tie(p.y, p.x) < at; });
-  if (pin != pinned.end() && pin->y == y && pin->x == x) return pin->z;
+  if (x < 0 || x >= width) x = ((x % width) + width) % width;
+  if (const auto z = pinned.find(x, y)) return *z;
   if (!points.empty()) {
     for (const std::int64_t turn : {std::int64_t{0}, width}) {
       if (const PointPost* p = points.find(x + turn, y)) {

@@ -7,6 +7,7 @@
 #include <span>
 
 #include "core/lattice.hpp"
+#include "core/pinned_points.hpp"
 #include "core/post_blocks.hpp"
 
 namespace tind {
@@ -87,9 +88,7 @@ struct HeightField {
   const PostOrigin* origins = nullptr;  ///< n_rows * n_cols
   const PostBlocks* blocks = nullptr;   ///< Of the grid's posts, as they are now; null: not made. Not owned.
   PointBlocks points;                   ///< Irregular posts; empty for a raster.
-  /// Lattice points whose vertices have a height of their own: those of break lines. Ascending by (y, x), x in
-  /// [0, width). Not owned.
-  std::span<const LatticePoint> pinned;
+  PinnedPoints pinned;                  ///< Vertices with a height of their own: those of break lines.
 
   double post_x(std::int64_t c) const { return x0 + static_cast<double>(c) * dx; }
   double post_y(std::int64_t r) const { return y0 + static_cast<double>(r) * dy; }

@@ -40,6 +40,7 @@ class LinePyramidBuilder {
     out_.width_ = lattice.width();
     for (int level = 0; level <= bottom_; ++level) out_.side_.push_back(lattice.tile_side(level));
     load(input);
+    out_.vertex_filter_ = PinnedPoints::make_filter(out_.vertices_);
     entry_.assign(out_.vertices_.size(), kNone);
     find_border_levels();
     out_.levels_.resize(detail.size());

@@ -8,6 +8,7 @@
 
 #include "core/break_line.hpp"
 #include "core/lattice.hpp"
+#include "core/pinned_points.hpp"
 #include "core/tile_key.hpp"
 
 namespace tind {
@@ -52,6 +53,8 @@ class LinePyramid {
   /// All vertices of all chains and their crossings with border lines, ascending by (y, x), x in [0, width): the
   /// heights that vertices at these lattice points get on every level.
   std::span<const LatticePoint> vertices() const { return vertices_; }
+  /// The same, to be asked for one at a time. Valid as long as this object.
+  PinnedPoints pinned() const { return PinnedPoints(vertices_, vertex_filter_); }
   /// The vertices that lie inside the stretch (start, end) of a border line, ascending in t, of any entry level.
   std::span<const LineCrossing> crossings(bool vertical, std::int64_t at, std::int64_t start, std::int64_t end) const;
   /// The pieces inside a tile, heaviest first.
@@ -81,6 +84,7 @@ class LinePyramid {
   std::int64_t width_ = 0;
   std::vector<std::int64_t> side_;  // of a tile, per level
   std::vector<LatticePoint> vertices_;
+  std::vector<std::uint64_t> vertex_filter_;
   std::vector<LineCrossing> crossings_;  // by (vertical, at, t)
   std::vector<Level> levels_;
 };

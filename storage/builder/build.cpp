@@ -155,7 +155,7 @@ Result<BuildReport> build_pyramid(const BuildOptions& options, Progress& progres
   report.given = lines->given;
   report.line_seconds = seconds_since(line_start);
   HeightField field = source->field();
-  field.pinned = lines->pyramid.vertices();
+  field.pinned = lines->pyramid.pinned();
 
   Manifest& m = report.manifest;
   m.generator = kGenerator;
