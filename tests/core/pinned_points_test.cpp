@@ -41,7 +41,7 @@ TEST(PinnedPoints, FindsEachPointAndNoOtherWithAFilterAndWithout) {
 }
 
 TEST(PinnedPoints, FilterSparesMostSearches) {
-  const auto points = random_points(50'000, 1), none = std::vector<LatticePoint>();
+  const auto points = random_points(50'000, 1);
   const auto filter = PinnedPoints::make_filter(points);
   std::size_t n_set = 0;
   for (const std::uint64_t word : filter) n_set += static_cast<std::size_t>(std::popcount(word));
@@ -49,8 +49,8 @@ TEST(PinnedPoints, FilterSparesMostSearches) {
   EXPECT_LT(n_set * 8, filter.size() * 64 + 8);
   EXPECT_LE(filter.size() * 8, points.size() * 2 + 16);  // at most two bytes a point
   // It is asked first: what it does not know is not found.
-  const auto others = random_points(3, 2);
-  const PinnedPoints blind(points, PinnedPoints::make_filter(others));
+  const auto few = PinnedPoints::make_filter(random_points(3, 2));
+  const PinnedPoints blind(points, few);
   std::size_t n_found = 0;
   for (const LatticePoint& p : points) n_found += blind.find(p.x, p.y).has_value() ? 1 : 0;
   EXPECT_LT(n_found, points.size() / 8);
