@@ -11,6 +11,7 @@
 #include "storage/builder/build.hpp"
 #include "storage/builder/build_arguments.hpp"
 #include "storage/builder/interrupt.hpp"
+#include "storage/builder/plan_command.hpp"
 #include "storage/builder/report.hpp"
 #include "storage/report/report_command.hpp"
 
@@ -20,7 +21,7 @@ struct Command {
   std::string_view name;
   int (*run)(int argc, char** argv);
 };
-constexpr Command kCommands[] = {{"report", tind::report_main}};
+constexpr Command kCommands[] = {{"plan", tind::plan_main}, {"report", tind::report_main}};
 
 // A report that cannot be written is known before the long work starts.
 bool can_write(const std::string& path) { return path.empty() || std::ofstream(path, std::ios::app).good(); }

@@ -5,20 +5,17 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <cmath>
+
+#include "storage/builder/duration.hpp"
 
 namespace tind {
 namespace {
 
 constexpr int kBarWidth = 24;
 constexpr std::chrono::milliseconds kRenewal{100};
-
-std::string duration(double seconds) {
-  const auto s = static_cast<long>(std::ceil(seconds));
-  if (s < 60) return fmt::format("{} s", s);
-  if (s < 3600) return fmt::format("{} min {:02} s", s / 60, s % 60);
-  return fmt::format("{} h {:02} min", s / 3600, s / 60 % 60);
-}
+// Off a terminal a line is kept, so few are enough.
+constexpr std::chrono::seconds kLinePeriod{60};
+constexpr double kLeastFraction = 0.05, kPatience_s = 30;
 
 }  // namespace
 
@@ -36,9 +33,10 @@ void Progress::update(double fraction, const std::string& stage) {
   fraction = std::clamp(fraction, 0.0, 1.0);
   const Clock::time_point now = Clock::now();
   const double elapsed_s = std::chrono::duration<double>(now - start_).count();
-  // Before a twentieth is done an estimate is noise.
+  // Before a twentieth is done an estimate is noise, but who waits for a day wants to know.
+  const bool is_known = fraction > kLeastFraction || (elapsed_s > kPatience_s && fraction > kLeastFraction / 50);
   const std::string eta =
-      fraction > 0.05 ? fmt::format("ETA {}", duration(elapsed_s * (1 - fraction) / fraction)) : std::string("ETA ...");
+      is_known ? fmt::format("ETA {}", duration_text(elapsed_s * (1 - fraction) / fraction)) : std::string("ETA ...");
   const int percent = static_cast<int>(fraction * 100);
   if (is_terminal_) {
     if (now - last_print_ < kRenewal) return;
@@ -51,9 +49,8 @@ void Progress::update(double fraction, const std::string& stage) {
     line_open_ = true;
     return;
   }
-  const int tenths = percent / 10;
-  if (tenths == printed_tenths_ && stage == printed_stage_) return;
-  printed_tenths_ = tenths;
+  if (stage == printed_stage_ && now - last_print_ < kLinePeriod) return;
+  last_print_ = now;
   printed_stage_ = stage;
   fmt::print(stream_, "{:3}%  {}  {}\n", percent, eta, stage);
   std::fflush(stream_);

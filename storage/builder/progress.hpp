@@ -8,7 +8,7 @@
 namespace tind {
 
 /// Tells a person how far long work is: one line that renews itself with a bar and an ETA on a terminal, plain lines
-/// (at most one per tenth of the work, and one per stage) otherwise. One thread.
+/// (one a minute, and one per stage) otherwise. One thread.
 class Progress {
  public:
   /// Writes to `stream`, or nowhere when it is null.
@@ -31,7 +31,6 @@ class Progress {
   std::FILE* stream_;
   bool is_terminal_ = false;
   bool line_open_ = false;
-  int printed_tenths_ = -1;
   std::string printed_stage_;
   Clock::time_point start_ = Clock::now();
   Clock::time_point last_print_{};
