@@ -294,7 +294,8 @@ void PostBlocks::merge_children(int level, std::int64_t i, std::int64_t j) {
   own.sums[i * own.n_cols + j] = sums;
 }
 
-PostBlocks PostBlocks::build(const HeightField& field, std::span<std::byte> memory, int threads) {
+PostBlocks PostBlocks::build(const HeightField& field, std::span<std::byte> memory, int threads,
+                             const std::atomic<bool>* cancel) {
   assert(memory.size() >= n_bytes(field.n_rows, field.n_cols) && threads >= 1);
   PostBlocks result;
   result.n_rows_ = field.n_rows;
@@ -315,6 +316,7 @@ PostBlocks PostBlocks::build(const HeightField& field, std::span<std::byte> memo
   for (int level = 0; level < result.n_levels(); ++level) {
     const Level& own = result.at(level);
     for_rows(own.n_rows, threads, [&](std::int64_t i) {
+      if (cancel != nullptr && cancel->load(std::memory_order_relaxed)) return;
       for (std::int64_t j = 0; j < own.n_cols; ++j) {
         if (level == 0) {
           result.fit_leaf(field, i, j);

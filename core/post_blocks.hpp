@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <cstddef>
 #include <cstdint>
 #include <span>
@@ -68,8 +69,10 @@ class PostBlocks {
   /// Bytes of memory that the blocks of a grid take. Preconditions: n_rows, n_cols >= 1.
   static std::uint64_t n_bytes(std::int64_t n_rows, std::int64_t n_cols);
   /// Builds the blocks of field's grid into `memory`: n_bytes(...) of it, aligned to 8, kept by the caller. Uses
-  /// `threads` >= 1 of them; the bytes do not depend on it. Preconditions: all heights are finite.
-  static PostBlocks build(const HeightField& field, std::span<std::byte> memory, int threads);
+  /// `threads` >= 1 of them; the bytes do not depend on it. Precondition: all heights are finite. When `cancel` (may be
+  /// null) is set it ends early, and the blocks are of no use.
+  static PostBlocks build(const HeightField& field, std::span<std::byte> memory, int threads,
+                          const std::atomic<bool>* cancel = nullptr);
 
   int n_levels() const { return static_cast<int>(levels_.size()); }
   std::int64_t n_block_rows(int level) const { return at(level).n_rows; }

@@ -45,13 +45,14 @@ std::optional<double> ElevationSource::own_spacing_m() const {
 
 Result<void> ElevationSource::load(const Lattice& lattice, double base_height_m, int falloff_posts,
                                    const std::string& scratch_dir, int threads,
-                                   const std::function<void(double)>& progress) {
+                                   const std::function<void(double)>& progress, CancelFlag cancel) {
   if (points_) {
     PointGridOptions options;
     options.base_height_m = base_height_m;
     options.falloff_posts = falloff_posts;
     options.scratch_dir = scratch_dir;
     options.threads = threads;
+    options.cancel = cancel;
     auto grid = PointGrid::load(*points_, lattice, options, progress);
     if (!grid) return tl::unexpected(grid.error());
     point_grid_.emplace(std::move(*grid));
@@ -65,6 +66,7 @@ Result<void> ElevationSource::load(const Lattice& lattice, double base_height_m,
   options.falloff_posts = falloff_posts;
   options.scratch_dir = scratch_dir;
   options.threads = threads;
+  options.cancel = cancel;
   auto grid = HeightGrid::load(*raster_, lattice, options, progress);
   if (!grid) return tl::unexpected(grid.error());
   grid_.emplace(std::move(*grid));

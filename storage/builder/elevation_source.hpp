@@ -56,9 +56,9 @@ class ElevationSource {
   /// Null for points. Valid as long as this object.
   const RasterMosaic* raster() const { return raster_ ? &*raster_ : nullptr; }
 
-  /// Makes the height field; `progress(fraction)` is called from this thread.
+  /// Makes the height field; `progress(fraction)` is called from this thread. kInterrupted: `cancel` was set.
   Result<void> load(const Lattice& lattice, double base_height_m, int falloff_posts, const std::string& scratch_dir,
-                    int threads, const std::function<void(double)>& progress);
+                    int threads, const std::function<void(double)>& progress, CancelFlag cancel = nullptr);
   /// After load(): valid as long as this object.
   const HeightField& field() const { return grid_ ? grid_->field() : point_grid_->field(); }
   const SourceCounts& counts() const { return counts_; }

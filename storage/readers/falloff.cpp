@@ -168,7 +168,7 @@ void relax_run(PostGrid& grid, const Run& run, std::vector<float>& before) {
 /// Smooths the falloff posts in place; data and base posts are fixed. Runs are in the order of rows.
 void relax_falloff(PostGrid& grid, const std::vector<Run>& runs) {
   std::vector<float> before;
-  for (int sweep = 0; sweep < kFalloffSweeps; ++sweep) {
+  for (int sweep = 0; sweep < kFalloffSweeps && !is_set(grid.cancel); ++sweep) {
     // Both directions in turn: no side is favoured.
     if (sweep % 2 == 0) {
       for (const Run& run : runs) relax_run(grid, run, before);
@@ -212,7 +212,7 @@ std::uint64_t add_falloff(PostGrid& grid, double base_height_m, std::int64_t fal
       }
     }
   };
-  for (std::int64_t r = 0; r < grid.n_rows; ++r) {
+  for (std::int64_t r = 0; r < grid.n_rows && !is_set(grid.cancel); ++r) {
     const PostOrigin* row = grid.origins + r * n_cols;
     voids.clear();
     for (std::int64_t c = next_void(row, 0, n_cols); c < n_cols; c = next_void(row, c, n_cols)) {

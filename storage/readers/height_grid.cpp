@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
 #include <span>
 #include <utility>
 
@@ -36,7 +37,7 @@ struct Strip {
   }
 };
 
-constexpr std::size_t kStripBytes = std::size_t{64} << 20;
+constexpr std::size_t kStripBytes = std::size_t{16} << 20;
 constexpr std::size_t kMaxStripRows = 512;
 constexpr std::size_t kBytesPerStripPost = 40;  // Strip, one source's floats, and GDAL's doubles
 
@@ -52,6 +53,10 @@ struct HeightGrid::Impl {
 
   /// Lays the extended grid around the mosaic's and reserves its memory. Returns the falloff that fits.
   Result<std::int64_t> lay_out(const RasterMosaic& mosaic, const Lattice& lattice, const HeightGridOptions& options);
+  /// Takes `n` posts of a source for the grid's from index `at` on.
+  void take_row(const float* from, std::int64_t n, std::int64_t at);
+  /// Takes the mean of overlapping sources for rows of the mosaic from `row` on.
+  void take_mean(const Strip& strip, std::int64_t row, std::int64_t n_strip_rows, std::int64_t n_cols);
   Result<void> merge(const RasterMosaic& mosaic, const std::function<void(double)>& progress);
   /// One height for a pole; `row` is the grid's last row at it, `on_pole` iff it lies on the pole itself.
   double settle_pole(std::int64_t row, bool on_pole);
@@ -106,6 +111,7 @@ Result<std::int64_t> HeightGrid::Impl::lay_out(const RasterMosaic& mosaic, const
   const bool wraps = grid.wraps;
   grid = arrays.grid();
   grid.wraps = wraps;
+  grid.cancel = options.cancel;
 
   const double step = lattice.step_deg();
   field.lattice = lattice;
@@ -123,49 +129,89 @@ Result<std::int64_t> HeightGrid::Impl::lay_out(const RasterMosaic& mosaic, const
   return falloff;
 }
 
+void HeightGrid::Impl::take_row(const float* from, std::int64_t n, std::int64_t at) {
+  float* heights = grid.heights_m + at;
+  PostOrigin* origins = grid.origins + at;
+  std::uint32_t n_voids = 0;
+  for (std::int64_t c = 0; c < n; ++c) n_voids += std::isnan(from[c]) ? 1u : 0u;
+  if (n_voids == 0) {
+    std::copy(from, from + n, heights);
+    std::fill(origins, origins + n, PostOrigin::kSource);
+  } else if (static_cast<std::int64_t>(n_voids) < n) {
+    for (std::int64_t c = 0; c < n; ++c) {
+      if (std::isnan(from[c])) continue;
+      heights[c] = from[c];
+      origins[c] = PostOrigin::kSource;
+    }
+  }
+  counts.source += static_cast<std::uint64_t>(n) - n_voids;
+}
+
+void HeightGrid::Impl::take_mean(const Strip& strip, std::int64_t row, std::int64_t n_strip_rows, std::int64_t n_cols) {
+  for (std::int64_t r = 0; r < n_strip_rows; ++r) {
+    const std::int64_t out = (frame.south_row + row + r) * grid.n_cols + frame.west_col;
+    for (std::int64_t c = 0; c < n_cols; ++c) {
+      const auto i = static_cast<std::size_t>(r * n_cols + c);
+      if (strip.count[i] == 0) continue;
+      const auto height = static_cast<float>(strip.sum[i] / strip.count[i]);
+      grid.heights_m[out + c] = height;
+      grid.origins[out + c] = PostOrigin::kSource;
+      ++counts.source;
+      if (strip.count[i] < 2) continue;
+      ++counts.overlapping;
+      if (strip.low[i] == strip.high[i]) continue;
+      ++counts.disagreeing;
+      const double mean = height, low = strip.low[i], high = strip.high[i];
+      field.disagreement_m = std::max({field.disagreement_m, high - mean, mean - low});
+    }
+  }
+}
+
 Result<void> HeightGrid::Impl::merge(const RasterMosaic& mosaic, const std::function<void(double)>& progress) {
   const auto n_cols = static_cast<std::size_t>(mosaic.n_cols);
   const auto strip_rows =
       static_cast<std::int64_t>(std::clamp<std::size_t>(kStripBytes / (kBytesPerStripPost * n_cols), 1, kMaxStripRows));
-  Strip strip(static_cast<std::size_t>(strip_rows) * n_cols);
+  std::optional<Strip> strip;  // made when sources share rows
   std::vector<float> heights;
+  std::vector<std::size_t> present;
   for (std::int64_t begin = 0; begin < mosaic.n_rows; begin += strip_rows) {
     const std::int64_t end = std::min(begin + strip_rows, mosaic.n_rows);
-    strip.clear();
+    present.clear();
     for (std::size_t s = 0; s < mosaic.sources.size(); ++s) {
+      const RasterSource& source = mosaic.sources[s];
+      if (source.grid_row < end && source.grid_row + source.n_used_rows > begin) present.push_back(s);
+    }
+    const bool alone = present.size() == 1 && mosaic.sources[present[0]].n_used_cols <= mosaic.n_cols;
+    if (!alone) {
+      if (!strip) strip.emplace(static_cast<std::size_t>(strip_rows) * n_cols);
+      strip->clear();
+    }
+    for (const std::size_t s : present) {
+      if (is_set(grid.cancel)) return interrupted();
       const RasterSource& source = mosaic.sources[s];
       const std::int64_t from = std::max(begin, source.grid_row),
                          to = std::min(end, source.grid_row + source.n_used_rows);
-      if (from >= to) continue;
       if (auto read = mosaic.read_rows(s, from - source.grid_row, to - from, heights, counts.implausible); !read)
         return read;
       for (std::int64_t r = from; r < to; ++r) {
         const float* row = heights.data() + (r - from) * source.n_used_cols;
+        if (alone) {
+          const std::int64_t out = (frame.south_row + r) * grid.n_cols + frame.west_col;
+          // Columns that pass the mosaic's eastern end go on at its western one.
+          const std::int64_t n_east = std::min(source.n_used_cols, mosaic.n_cols - source.grid_col);
+          take_row(row, n_east, out + source.grid_col);
+          take_row(row + n_east, source.n_used_cols - n_east, out);
+          continue;
+        }
         const std::size_t row_at = static_cast<std::size_t>(r - begin) * n_cols;
         auto col = static_cast<std::size_t>(source.grid_col);
         for (std::int64_t c = 0; c < source.n_used_cols; ++c) {
-          if (!std::isnan(row[c])) strip.add(row_at + col, row[c]);
+          if (!std::isnan(row[c])) strip->add(row_at + col, row[c]);
           if (++col == n_cols) col = 0;
         }
       }
     }
-    for (std::int64_t r = begin; r < end; ++r) {
-      const std::int64_t out = (frame.south_row + r) * grid.n_cols + frame.west_col;
-      for (std::size_t c = 0; c < n_cols; ++c) {
-        const std::size_t i = static_cast<std::size_t>(r - begin) * n_cols + c;
-        if (strip.count[i] == 0) continue;
-        const auto height = static_cast<float>(strip.sum[i] / strip.count[i]);
-        grid.heights_m[out + static_cast<std::int64_t>(c)] = height;
-        grid.origins[out + static_cast<std::int64_t>(c)] = PostOrigin::kSource;
-        ++counts.source;
-        if (strip.count[i] < 2) continue;
-        ++counts.overlapping;
-        if (strip.low[i] == strip.high[i]) continue;
-        ++counts.disagreeing;
-        const double mean = height, low = strip.low[i], high = strip.high[i];
-        field.disagreement_m = std::max({field.disagreement_m, high - mean, mean - low});
-      }
-    }
+    if (!alone) take_mean(*strip, begin, end - begin, mosaic.n_cols);
     if (progress) progress(0.7 * static_cast<double>(end) / static_cast<double>(mosaic.n_rows));
   }
   return {};
@@ -248,7 +294,8 @@ Result<HeightGrid> HeightGrid::load(const RasterMosaic& mosaic, const Lattice& l
   field.continues_north = north_gap <= field.dy * (1 + 1e-9);
   if (field.continues_south) field.south_pole_m = impl.settle_pole(0, field.y0 <= 0.5);
   if (field.continues_north) field.north_pole_m = impl.settle_pole(field.n_rows - 1, north_gap <= 0.5);
-  impl.arrays.build_blocks(field, options.threads);
+  impl.arrays.build_blocks(field, options.threads, options.cancel);
+  if (is_set(options.cancel)) return interrupted();
   if (progress) progress(1.0);
   return result;
 }

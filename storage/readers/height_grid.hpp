@@ -9,6 +9,7 @@
 
 #include "core/height_field.hpp"
 #include "core/result.hpp"
+#include "storage/readers/cancel.hpp"
 #include "storage/readers/gdal_raster.hpp"
 
 namespace tind {
@@ -18,6 +19,7 @@ struct HeightGridOptions {
   int falloff_posts = 64;   ///< Distance over which the surface falls from the nearest values to the base height; >= 1.
   std::string scratch_dir;  ///< Where the unlinked scratch file of the grid lives (same file system as the output).
   int threads = 1;          ///< >= 1; the result does not depend on it.
+  CancelFlag cancel = nullptr;  ///< Set: load() stops within a second.
 };
 
 struct HeightGridCounts {
@@ -36,7 +38,7 @@ class HeightGrid {
  public:
   /// Reads the mosaic, merges overlaps, fills interior voids, adds the falloff. `progress(fraction)`, if not empty, is
   /// called from this thread. kInvalidInput: all posts are voids, or the options are out of range. kIo: a read failed
-  /// (truncated file) or no disk space.
+  /// (truncated file) or no disk space. kInterrupted: options.cancel.
   static Result<HeightGrid> load(const RasterMosaic& mosaic, const Lattice& lattice, const HeightGridOptions& options,
                                  const std::function<void(double)>& progress);
   HeightGrid(HeightGrid&&) noexcept;

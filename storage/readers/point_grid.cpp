@@ -58,7 +58,7 @@ struct PointGrid::Impl {
   Result<std::int64_t> lay_out(const PointSource& source, const Lattice& lattice, const PointGridOptions& options);
   Result<void> scatter(const PointSource& source, const PointGridOptions& options,
                        const std::function<void(double)>& progress);
-  void interpolate(int threads, const std::function<void(double)>& progress);
+  Result<void> interpolate(int threads, const std::function<void(double)>& progress);
   void interpolate_window(const Window& w) const;
 };
 
@@ -116,6 +116,7 @@ Result<std::int64_t> PointGrid::Impl::lay_out(const PointSource& source, const L
   if (!made) return tl::unexpected(made.error());
   arrays = std::move(*made);
   grid = arrays.grid();
+  grid.cancel = options.cancel;
   field.n_rows = grid.n_rows;
   field.n_cols = grid.n_cols;
   field.x0 = static_cast<double>(west_col - falloff) * field.dx;
@@ -141,6 +142,7 @@ Result<void> PointGrid::Impl::scatter(const PointSource& source, const PointGrid
   o.n_cols = static_cast<std::int64_t>(std::floor((field.post_x(frame.east_col) - o.x0) / o.side)) + 1;
   o.scratch_dir = options.scratch_dir;
   o.memory_bytes = options.memory_bytes;
+  o.cancel = options.cancel;
   auto scattered = scatter_points(source, o, progress);
   if (!scattered) return tl::unexpected(scattered.error());
   points = std::move(*scattered);
@@ -215,7 +217,7 @@ void PointGrid::Impl::interpolate_window(const Window& w) const {
   }
 }
 
-void PointGrid::Impl::interpolate(int threads, const std::function<void(double)>& progress) {
+Result<void> PointGrid::Impl::interpolate(int threads, const std::function<void(double)>& progress) {
   std::vector<Window> windows;
   for (std::int64_t r = frame.south_row; r <= frame.north_row; r += kWindowPosts) {
     for (std::int64_t c = frame.west_col; c <= frame.east_col; c += kWindowPosts) {
@@ -228,7 +230,7 @@ void PointGrid::Impl::interpolate(int threads, const std::function<void(double)>
   std::vector<std::exception_ptr> failures(static_cast<std::size_t>(std::max(threads, 1)));
   const auto work = [&](std::size_t worker) {
     try {
-      for (std::size_t i = next++; i < windows.size(); i = next++) {
+      for (std::size_t i = next++; i < windows.size() && !is_set(grid.cancel); i = next++) {
         interpolate_window(windows[i]);
         if (worker == 0 && progress) progress(static_cast<double>(i + 1) / static_cast<double>(windows.size()));
       }
@@ -245,6 +247,8 @@ void PointGrid::Impl::interpolate(int threads, const std::function<void(double)>
   for (const std::exception_ptr& failure : failures) {
     if (failure) std::rethrow_exception(failure);
   }
+  if (is_set(grid.cancel)) return interrupted();
+  return {};
 }
 
 PointGrid::PointGrid(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
@@ -271,7 +275,7 @@ Result<PointGrid> PointGrid::load(const PointSource& source, const Lattice& latt
   const auto falloff = impl.lay_out(source, lattice, options);
   if (!falloff) return tl::unexpected(falloff.error());
   if (auto ok = impl.scatter(source, options, part(0, 0.5)); !ok) return tl::unexpected(ok.error());
-  impl.interpolate(options.threads, part(0.5, 0.9));
+  if (auto ok = impl.interpolate(options.threads, part(0.5, 0.9)); !ok) return tl::unexpected(ok.error());
 
   // The fills know posts of the source only; what they leave as such is interpolated.
   impl.counts.filled = fill_interior_voids(impl.grid, impl.frame);
@@ -281,7 +285,8 @@ Result<PointGrid> PointGrid::load(const PointSource& source, const Lattice& latt
     impl.grid.origins[i] = PostOrigin::kInterpolated;
     ++impl.counts.interpolated;
   }
-  impl.arrays.build_blocks(impl.field, options.threads);
+  impl.arrays.build_blocks(impl.field, options.threads, options.cancel);
+  if (is_set(options.cancel)) return interrupted();
   if (impl.counts.duplicates > 0) {
     impl.notes.push_back(
         fmt::format("{} points lie within a lattice step of a lower one and are left out", impl.counts.duplicates));

@@ -9,6 +9,7 @@
 
 #include "core/height_field.hpp"
 #include "core/result.hpp"
+#include "storage/readers/cancel.hpp"
 #include "storage/readers/point_source.hpp"
 
 namespace tind {
@@ -17,8 +18,9 @@ struct PointGridOptions {
   double base_height_m = 0;
   int falloff_posts = 64;  ///< Distance over which the surface falls from the nearest values to the base height; >= 1.
   std::string scratch_dir = {};  ///< Where the unlinked scratch files live (same file system as the output).
-  std::uint64_t memory_bytes = std::uint64_t{256} << 20;  ///< For sorting points; the result does not depend on it.
-  int threads = 1;                                        ///< For interpolation; the result does not depend on it.
+  std::uint64_t memory_bytes = std::uint64_t{64} << 20;  ///< For sorting points; the result does not depend on it.
+  int threads = 1;                                       ///< For interpolation; the result does not depend on it.
+  CancelFlag cancel = nullptr;                           ///< Set: load() stops within a second or so.
 };
 
 struct PointGridCounts {
@@ -37,7 +39,7 @@ class PointGrid {
   /// Reads the source a second time. The same points and options give the same bytes, whatever the order of points and
   /// files, memory and threads. `progress(fraction)`, if not empty, is called from this thread. kInvalidInput: options
   /// out of range, points all around the globe, next to a pole, or scattered too thinly. kIo: a read failed, or no disk
-  /// space.
+  /// space. kInterrupted: options.cancel.
   static Result<PointGrid> load(const PointSource& source, const Lattice& lattice, const PointGridOptions& options,
                                 const std::function<void(double)>& progress);
   PointGrid(PointGrid&&) noexcept;

@@ -46,6 +46,7 @@ Result<ScatteredPoints> scatter_points(const PointSource& source, const ScatterO
   result.first.assign(n_blocks + 1, 0);
   std::uint64_t n_read = 0;
   const auto read = source.read([&](std::span<const GeoPoint> points) -> Result<void> {
+    if (is_set(o.cancel)) return interrupted();
     if (points.size() > n - n_read)
       return fail(ErrorKind::kIo, "the point files grew while they were read; start again");
     for (const GeoPoint& g : points) {
@@ -67,6 +68,7 @@ Result<ScatteredPoints> scatter_points(const PointSource& source, const ScatterO
   const std::uint64_t n_batch = std::clamp<std::uint64_t>(o.memory_bytes / kBytesPerBatchPoint, 1024, 1u << 30);
   std::vector<std::pair<std::uint64_t, std::uint32_t>> order;
   for (std::uint64_t begin = 0; begin < n; begin += n_batch) {
+    if (is_set(o.cancel)) return interrupted();
     const std::uint64_t end = std::min(n, begin + n_batch);
     order.clear();
     for (std::uint64_t i = begin; i < end; ++i) {
@@ -79,6 +81,7 @@ Result<ScatteredPoints> scatter_points(const PointSource& source, const ScatterO
 
   std::uint64_t n_kept = 0;
   for (std::size_t b = 0; b < n_blocks; ++b) {
+    if (is_set(o.cancel)) return interrupted();
     const std::uint64_t begin = result.first[b], end = result.first[b + 1];
     result.first[b] = n_kept;
     std::sort(posts + begin, posts + end, before);

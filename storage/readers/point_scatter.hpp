@@ -8,6 +8,7 @@
 
 #include "core/height_field.hpp"
 #include "core/result.hpp"
+#include "storage/readers/cancel.hpp"
 #include "storage/readers/point_source.hpp"
 #include "storage/readers/scratch_map.hpp"
 
@@ -22,6 +23,7 @@ struct ScatterOptions {
   std::int64_t n_rows = 0, n_cols = 0;
   std::string scratch_dir;
   std::uint64_t memory_bytes = 0;
+  CancelFlag cancel = nullptr;
 };
 
 /// The points of a source sorted into blocks: of the points that round to one lattice position only the lowest. Ties go
@@ -36,6 +38,7 @@ struct ScatteredPoints {
 
 /// Counting sort through two scratch files: the points in the source's order, then by block. Order and bytes of the
 /// result do not depend on the source's order or on memory_bytes. Precondition: all points lie in the blocks.
+/// kInterrupted: options.cancel.
 Result<ScatteredPoints> scatter_points(const PointSource& source, const ScatterOptions& options,
                                        const std::function<void(double)>& progress);
 

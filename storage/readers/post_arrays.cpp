@@ -30,9 +30,9 @@ void PostArrays::attach(HeightField& field) const {
   field.origins = origins_;
 }
 
-void PostArrays::build_blocks(HeightField& field, int threads) {
-  blocks_ = PostBlocks::build(field, block_memory_, threads);
-  field.blocks = &blocks_;
+void PostArrays::build_blocks(HeightField& field, int threads, CancelFlag cancel) {
+  blocks_ = PostBlocks::build(field, block_memory_, threads, cancel);
+  if (!is_set(cancel)) field.blocks = &blocks_;
 }
 
 }  // namespace tind

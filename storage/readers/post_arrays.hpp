@@ -8,6 +8,7 @@
 
 #include "core/height_field.hpp"
 #include "core/result.hpp"
+#include "storage/readers/cancel.hpp"
 #include "storage/readers/scratch_map.hpp"
 #include "storage/readers/void_fill.hpp"
 
@@ -26,8 +27,8 @@ class PostArrays {
   /// Points the field at the arrays. Precondition: it has the grid's size.
   void attach(HeightField& field) const;
   /// Builds the blocks of the attached field's posts and points it at them; valid as long as this object, which must
-  /// not move any more.
-  void build_blocks(HeightField& field, int threads);
+  /// not move any more. When `cancel` is set it ends early and the field gets none.
+  void build_blocks(HeightField& field, int threads, CancelFlag cancel);
 
  private:
   ScratchMap map_;

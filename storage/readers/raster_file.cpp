@@ -2,6 +2,7 @@
 #include "storage/readers/raster_file.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cctype>
 #include <cmath>
 #include <cstring>
@@ -393,13 +394,18 @@ Result<void> RasterFile::read_window(std::int64_t col, std::int64_t row, std::in
   }
   GdalErrors errors;
   const auto n_values = static_cast<std::size_t>(n_cols * n_rows);
-  std::vector<double> raw(n_values);
+  GDALRasterBand& band = *dataset->GetRasterBand(1);
+  // Types whose values a float holds exactly are read as floats.
+  const GDALDataType stored = band.GetRasterDataType();
+  const bool fits_float = stored == GDT_Byte || stored == GDT_Int16 || stored == GDT_UInt16 || stored == GDT_Float32;
+  heights_m.resize(n_values);
+  std::vector<double> wide(fits_float ? 0 : n_values);
+  void* const raw = fits_float ? static_cast<void*>(heights_m.data()) : wide.data();
   std::vector<std::uint8_t> mask(has_mask ? n_values : 0);
   const int x_off = static_cast<int>(col), y_off = static_cast<int>(row), x_size = static_cast<int>(n_cols),
             y_size = static_cast<int>(n_rows);
-  GDALRasterBand& band = *dataset->GetRasterBand(1);
-  CPLErr status =
-      band.RasterIO(GF_Read, x_off, y_off, x_size, y_size, raw.data(), x_size, y_size, GDT_Float64, 0, 0, nullptr);
+  CPLErr status = band.RasterIO(GF_Read, x_off, y_off, x_size, y_size, raw, x_size, y_size,
+                                fits_float ? GDT_Float32 : GDT_Float64, 0, 0, nullptr);
   if (status == CE_None && has_mask) {
     status = band.GetMaskBand()->RasterIO(GF_Read, x_off, y_off, x_size, y_size, mask.data(), x_size, y_size, GDT_Byte,
                                           0, 0, nullptr);
@@ -408,11 +414,14 @@ Result<void> RasterFile::read_window(std::int64_t col, std::int64_t row, std::in
     return fail(ErrorKind::kIo, fmt::format("{}: reading rows {} to {} failed: the file is truncated or damaged{}",
                                             info.path, row, row + n_rows - 1, errors.detail()));
   }
-  heights_m.resize(n_values);
+  if (fits_float && !has_mask && scale == 1 && offset == 0) {
+    settle_metres(heights_m, n_implausible);
+    return {};
+  }
   constexpr float kVoid = std::numeric_limits<float>::quiet_NaN();
   const auto nodata_float = static_cast<float>(nodata);
   for (std::size_t i = 0; i < n_values; ++i) {
-    const double v = raw[i];
+    const double v = fits_float ? static_cast<double>(heights_m[i]) : wide[i];
     const bool marked = has_nodata && (v == nodata || (is_float32 && static_cast<float>(v) == nodata_float));
     heights_m[i] = kVoid;
     if (!marked && std::isfinite(v) && (!has_mask || mask[i] != 0)) {
@@ -432,6 +441,43 @@ Result<void> RasterFile::read_window(std::int64_t col, std::int64_t row, std::in
     }
   }
   return {};
+}
+
+void RasterFile::settle_metres(std::vector<float>& heights_m, std::uint64_t& n_implausible) {
+  constexpr float kInfinity = std::numeric_limits<float>::infinity(), kMost = static_cast<float>(kMaxHeightM);
+  // A value that no float is marks none of them; a nodata value of a float32 band is rounded as its posts are.
+  const auto as_float = static_cast<float>(nodata);
+  const bool marks = has_nodata && (is_float32 || static_cast<double>(as_float) == nodata);
+  const float marker = marks ? as_float : std::numeric_limits<float>::quiet_NaN();
+  // Eight values at a time, for the vector unit.
+  constexpr std::size_t kLanes = 8;
+  std::array<float, kLanes> lowest{};
+  std::array<std::uint32_t, kLanes> is_void{}, is_zero{};
+  lowest.fill(kInfinity);
+  float* v = heights_m.data();
+  const auto settle = [&](std::size_t i, std::size_t k) {
+    const bool bad = !(std::abs(v[i]) <= kMost) || v[i] == marker;
+    is_void[k] |= bad ? 1u : 0u;
+    is_zero[k] |= v[i] == 0 && !bad ? 1u : 0u;
+    const float other = bad || v[i] == 0 ? kInfinity : v[i];
+    lowest[k] = other < lowest[k] ? other : lowest[k];
+  };
+  const std::size_t n = heights_m.size(), n_whole = n / kLanes * kLanes;
+  for (std::size_t i = 0; i < n_whole; i += kLanes) {
+    for (std::size_t k = 0; k < kLanes; ++k) settle(i + k, k);
+  }
+  for (std::size_t i = n_whole; i < n; ++i) settle(i, 0);
+  const auto any = [](std::uint32_t flag) { return flag != 0; };
+  signs.has_zero = signs.has_zero || std::any_of(is_zero.begin(), is_zero.end(), any);
+  signs.lowest_other = std::min(signs.lowest_other, *std::min_element(lowest.begin(), lowest.end()));
+  if (std::none_of(is_void.begin(), is_void.end(), any)) return;
+  signs.has_void = true;
+  for (float& height : heights_m) {
+    const bool marked = height == marker;
+    if (!marked && std::abs(height) <= kMost) continue;
+    if (!marked && std::isfinite(height)) ++n_implausible;
+    height = std::numeric_limits<float>::quiet_NaN();
+  }
 }
 
 }  // namespace tind

@@ -57,6 +57,10 @@ struct RasterFile {
   /// kIo: truncated or damaged. Opens the file if need be. Precondition: the window lies inside the raster.
   Result<void> read_window(std::int64_t col, std::int64_t row, std::int64_t n_cols, std::int64_t n_rows,
                            std::vector<float>& heights_m, std::uint64_t& n_implausible);
+
+ private:
+  /// Turns values that are metres as they stand into heights: NaN for voids, and the signs noted.
+  void settle_metres(std::vector<float>& heights_m, std::uint64_t& n_implausible);
 };
 
 /// A failure that begins with the file's path.

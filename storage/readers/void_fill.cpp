@@ -73,7 +73,7 @@ class Membrane {
 
   /// Solves from a window of half the size (recursively), then relaxes until no value moves by more than a millimetre,
   /// at most `max_sweeps` times. Every step is a mean, so no value leaves the range of the known ones.
-  void solve(int max_sweeps) {
+  void solve(int max_sweeps, CancelFlag cancel) {
     std::vector<std::pair<std::int64_t, std::int64_t>> unknown;
     for (std::int64_t r = 0; r < n_rows_; ++r) {
       for (std::int64_t c = 0; c < n_cols_; ++c) {
@@ -81,8 +81,8 @@ class Membrane {
       }
     }
     if (unknown.empty()) return;
-    start_from_coarse(unknown);
-    for (int sweep = 0; sweep < max_sweeps; ++sweep) {
+    start_from_coarse(unknown, cancel);
+    for (int sweep = 0; sweep < max_sweeps && !is_set(cancel); ++sweep) {
       float moved = 0;
       const auto relax = [&](const std::pair<std::int64_t, std::int64_t>& cell) {
         const float mean = mean_of_neighbours(cell.first, cell.second);
@@ -105,7 +105,7 @@ class Membrane {
 
   std::size_t at(std::int64_t r, std::int64_t c) const { return static_cast<std::size_t>(r * n_cols_ + c); }
 
-  void start_from_coarse(const std::vector<std::pair<std::int64_t, std::int64_t>>& unknown) {
+  void start_from_coarse(const std::vector<std::pair<std::int64_t, std::int64_t>>& unknown, CancelFlag cancel) {
     Membrane coarse((n_rows_ + 1) / 2, (n_cols_ + 1) / 2, closed_);
     std::vector<float> sum(coarse.value_.size());
     std::vector<std::uint8_t> count(coarse.value_.size());
@@ -125,7 +125,7 @@ class Membrane {
       coarse.kind_[i] = kKnown;
       coarse.value_[i] = sum[i] / static_cast<float>(count[i]);
     }
-    coarse.solve(kCoarseSweeps);
+    coarse.solve(kCoarseSweeps, cancel);
     for (const auto& [r, c] : unknown) value_[at(r, c)] = coarse.value(r / 2, c / 2);
   }
 
@@ -191,7 +191,7 @@ void fill_void(PostGrid& grid, const DataFrame& frame, std::span<const Run> runs
       membrane.set_unknown(run.row - south, c - west);
     }
   }
-  membrane.solve(kMaxSweeps);
+  membrane.solve(kMaxSweeps, grid.cancel);
   for (const Run& run : runs) {
     for (std::int64_t c = run.begin; c < run.end; ++c) {
       // Means of floats may leave the range by a rounding.

@@ -4,6 +4,7 @@
 #include <cstdint>
 
 #include "core/height_field.hpp"
+#include "storage/readers/cancel.hpp"
 
 namespace tind {
 
@@ -14,6 +15,7 @@ struct PostGrid {
   bool wraps = false;  ///< Column n_cols - 1 is the western neighbour of column 0.
   float* heights_m = nullptr;
   PostOrigin* origins = nullptr;
+  CancelFlag cancel = nullptr;  ///< When it is set, the fills end early and the grid is of no use.
 };
 
 /// The bounding grid of the data inside a PostGrid (inclusive), and on which sides the world goes on beyond it (a pole
