@@ -34,12 +34,14 @@ std::uint8_t border_level(std::int64_t at, int lattice_level, int bottom) {
 // Makes a pyramid level by level: what it needs beside the result lives here.
 class LinePyramidBuilder {
  public:
+  // `done(k)` is called when chain k is not needed any more.
+  template <class Done>
   LinePyramidBuilder(LinePyramid& out, const Lattice& lattice, std::span<const BreakChain> input,
-                     std::span<const LineDetail> detail)
+                     std::span<const LineDetail> detail, const ScratchAllocator& scratch, Done&& done)
       : out_(out), lattice_(lattice), detail_(detail), bottom_(static_cast<int>(detail.size()) - 1) {
     out_.width_ = lattice.width();
     for (int level = 0; level <= bottom_; ++level) out_.side_.push_back(lattice.tile_side(level));
-    load(input);
+    load(input, scratch, done);
     out_.vertex_filter_ = PinnedPoints::make_filter(out_.vertices_);
     entry_.assign(out_.vertices_.size(), kNone);
     find_border_levels();
@@ -50,6 +52,7 @@ class LinePyramidBuilder {
 
  private:
   using Id = std::uint32_t;
+  using Place = std::uint32_t;  // position in a line's ids
 
   struct Chain {
     std::vector<Id> ids;
@@ -62,7 +65,7 @@ class LinePyramidBuilder {
   // A line as a level draws it: chains joined where nothing else meets them.
   struct Line {
     std::vector<Id> ids;
-    std::vector<std::size_t> drawn;  // positions in ids of the vertices that are kept, ascending
+    std::vector<Place> drawn;  // in ids, of the vertices that are kept, ascending
     double weight = -1;
     std::size_t chain = 0;  // given chain of that weight
     bool in_valley = false;
@@ -70,68 +73,75 @@ class LinePyramidBuilder {
 
   // Two neighbouring kept vertices of a line.
   struct Segment {
-    std::size_t line = 0;
-    std::size_t from = 0, to = 0;  // positions in ids
+    std::uint32_t line = 0;
+    Place from = 0, to = 0;
     bool dropped = false;
   };
 
   // ---- vertices ----------------------------------------------------------------------------------------------------
 
-  void load(std::span<const BreakChain> input) {
-    const std::int64_t width = lattice_.width(), height = lattice_.height();
-    struct Raw {
-      std::vector<LatticePoint> points;
-      const BreakChain* chain;
+  // Calls f(points) for the stretches of a chain between poles, its crossings with border lines among them, x as given.
+  // A pole is one point with one height: no line goes there.
+  template <class F>
+  void for_stretches(const BreakChain& chain, F&& f) {
+    std::vector<LatticePoint>& points = stretch_;
+    const auto finish = [&] {
+      if (points.size() >= 2) f(std::span<LatticePoint>(points));
+      points.clear();
     };
-    std::vector<Raw> raw;
+    const BreakVertex* before = nullptr;
+    for (const BreakVertex& v : chain.vertices) {
+      if (v.y <= 0 || v.y >= lattice_.height()) {
+        finish();
+        before = nullptr;
+        continue;
+      }
+      if (before != nullptr) add_crossings(*before, v, points);
+      push(points, v.x, v.y, v.height_m);
+      before = &v;
+    }
+    finish();
+  }
+
+  // Each chain is `done(k)` with when its points are known.
+  template <class Done>
+  void load(std::span<const BreakChain> input, const ScratchAllocator& scratch, Done&& done) {
+    const std::int64_t width = lattice_.width();
+    const auto wrap = [&](std::int64_t x) { return ((x % width) + width) % width; };
+    std::size_t n = 0;
     for (const BreakChain& chain : input) {
-      Raw piece{{}, &chain};
-      const auto finish = [&] {
-        if (piece.points.size() >= 2) raw.push_back(piece);
-        piece.points.clear();
-      };
-      const BreakVertex* before = nullptr;
-      for (const BreakVertex& v : chain.vertices) {
-        // A pole is one point with one height: no line goes there.
-        if (v.y <= 0 || v.y >= height) {
-          finish();
-          before = nullptr;
-          continue;
-        }
-        if (before != nullptr) add_crossings(*before, v, piece.points);
-        push(piece.points, v.x, v.y, v.height_m);
-        before = &v;
-      }
-      finish();
+      for_stretches(chain, [&](std::span<const LatticePoint> points) { n += points.size(); });
     }
-    for (Raw& piece : raw) {
-      for (LatticePoint& p : piece.points) {
-        p.x = ((p.x % width) + width) % width;
-        out_.vertices_.push_back(p);
-      }
+    if (n == 0) return;
+    out_.allocate_vertices(n, scratch);
+    std::size_t at = 0;
+    for (const BreakChain& chain : input) {
+      for_stretches(chain, [&](std::span<const LatticePoint> points) {
+        for (const LatticePoint& p : points) out_.vertices_[at++] = {wrap(p.x), p.y, p.z};
+      });
     }
-    const auto before = [](const LatticePoint& a, const LatticePoint& b) {
-      return std::tie(a.y, a.x) < std::tie(b.y, b.x);
-    };
     // Where chains meet they have one height; if the input says two, the lower wins: water runs on.
     std::sort(out_.vertices_.begin(), out_.vertices_.end(), [](const LatticePoint& a, const LatticePoint& b) {
       return std::tie(a.y, a.x, a.z) < std::tie(b.y, b.x, b.z);
     });
-    out_.vertices_.erase(
-        std::unique(out_.vertices_.begin(), out_.vertices_.end(),
-                    [](const LatticePoint& a, const LatticePoint& b) { return a.x == b.x && a.y == b.y; }),
-        out_.vertices_.end());
-    for (const Raw& piece : raw) {
-      Chain chain{{},
-                  std::clamp(piece.chain->first_level, 0, bottom_),
-                  piece.chain->weight,
-                  static_cast<std::size_t>(piece.chain - input.data()),
-                  piece.chain->in_valley};
-      for (const LatticePoint& p : piece.points) {
-        const auto at = std::lower_bound(out_.vertices_.begin(), out_.vertices_.end(), p, before);
-        chain.ids.push_back(static_cast<Id>(at - out_.vertices_.begin()));
-      }
-      chains_.push_back(std::move(chain));
+    const auto end = std::unique(out_.vertices_.begin(), out_.vertices_.end(),
+                                 [](const LatticePoint& a, const LatticePoint& b) { return a.x == b.x && a.y == b.y; });
+    out_.vertices_ = out_.vertices_.first(static_cast<std::size_t>(end - out_.vertices_.begin()));
+    const auto id_of = [&](const LatticePoint& p) {
+      const auto found = std::lower_bound(out_.vertices_.begin(), out_.vertices_.end(), std::tuple(p.y, wrap(p.x)),
+                                          [](const LatticePoint& q, const std::tuple<std::int64_t, std::int64_t>& key) {
+                                            return std::tie(q.y, q.x) < key;
+                                          });
+      return static_cast<Id>(found - out_.vertices_.begin());
+    };
+    for (std::size_t k = 0; k < input.size(); ++k) {
+      for_stretches(input[k], [&](std::span<const LatticePoint> points) {
+        Chain chain{{}, std::clamp(input[k].first_level, 0, bottom_), input[k].weight, k, input[k].in_valley};
+        chain.ids.reserve(points.size());
+        for (const LatticePoint& p : points) chain.ids.push_back(id_of(p));
+        chains_.push_back(std::move(chain));
+      });
+      done(k);
     }
   }
 
@@ -179,6 +189,8 @@ class LinePyramidBuilder {
   }
 
   void find_border_levels() {
+    meridian_level_.reserve(out_.vertices_.size());
+    parallel_level_.reserve(out_.vertices_.size());
     for (const LatticePoint& p : out_.vertices_) {
       meridian_level_.push_back(border_level(p.x, lattice_.level, bottom_));
       parallel_level_.push_back(border_level(p.y, lattice_.level, bottom_));
@@ -193,7 +205,7 @@ class LinePyramidBuilder {
     std::vector<Segment> segments = part_crossings(level, lines);
     LinePyramid::Level& out = out_.levels_[static_cast<std::size_t>(level)];
     for (const Line& line : lines) {
-      for (const std::size_t at : line.drawn)
+      for (const Place at : line.drawn)
         entry_[line.ids[at]] = std::min<std::uint8_t>(entry_[line.ids[at]], static_cast<std::uint8_t>(level));
     }
     store(level, lines, segments, out);
@@ -278,9 +290,9 @@ class LinePyramidBuilder {
   // Keeps the ends, what coarser levels keep, where the line meets a border line of the level, and what the detail asks
   // for (Douglas and Peucker 1973).
   void generalise(int level, Line& line) const {
-    const std::size_t last = line.ids.size() - 1;
-    std::vector<std::size_t> pins;
-    for (std::size_t k = 0; k <= last; ++k) {
+    const auto last = static_cast<Place>(line.ids.size() - 1);
+    std::vector<Place> pins;
+    for (Place k = 0; k <= last; ++k) {
       const Id id = line.ids[k];
       bool pinned = k == 0 || k == last || entry_[id] < level;
       if (!pinned && (meridian_level_[id] <= level || parallel_level_[id] <= level)) {
@@ -299,12 +311,12 @@ class LinePyramidBuilder {
   }
 
   struct Farthest {
-    std::size_t position = 0;
+    Place position = 0;
     double share = -1;  // of what the detail allows
   };
 
   // The vertex between two kept ones that strays farthest from the segment between them.
-  Farthest farthest(const Line& line, std::size_t from, std::size_t to, int level) const {
+  Farthest farthest(const Line& line, Place from, Place to, int level) const {
     const LineDetail& detail = detail_[static_cast<std::size_t>(level)];
     const double plan_m = line.in_valley ? std::min(detail.plan_m, detail.valley_m) : detail.plan_m;
     const Id a = line.ids[from], b = line.ids[to];
@@ -315,7 +327,7 @@ class LinePyramidBuilder {
     const double bx = x_of(b), by = y_of(b), length2 = bx * bx + by * by;
     const double az = lattice_.height_m(point(a).z), bz = lattice_.height_m(point(b).z);
     Farthest worst;
-    for (std::size_t k = from + 1; k < to; ++k) {
+    for (Place k = from + 1; k < to; ++k) {
       const double x = x_of(line.ids[k]), y = y_of(line.ids[k]);
       const double w = length2 > 0 ? std::clamp((x * bx + y * by) / length2, 0.0, 1.0) : 0;
       const double plan = std::hypot(x - w * bx, y - w * by);
@@ -327,8 +339,8 @@ class LinePyramidBuilder {
   }
 
   // Adds to `drawn`, unordered, what the detail asks for between two kept vertices.
-  void simplify(Line& line, std::size_t from, std::size_t to, int level) const {
-    std::vector<std::pair<std::size_t, std::size_t>> open = {{from, to}};  // no recursion: a line may have any length
+  void simplify(Line& line, Place from, Place to, int level) const {
+    std::vector<std::pair<Place, Place>> open = {{from, to}};  // no recursion: a line may have any length
     while (!open.empty()) {
       const auto [a, b] = open.back();
       open.pop_back();
@@ -347,7 +359,7 @@ class LinePyramidBuilder {
     std::vector<Segment> segments;
     for (std::size_t l = 0; l < lines.size(); ++l) {
       for (std::size_t k = 0; k + 1 < lines[l].drawn.size(); ++k) {
-        segments.push_back({l, lines[l].drawn[k], lines[l].drawn[k + 1]});
+        segments.push_back({static_cast<std::uint32_t>(l), lines[l].drawn[k], lines[l].drawn[k + 1]});
       }
     }
     return segments;
@@ -384,7 +396,8 @@ class LinePyramidBuilder {
     const double wanted = 2 * extent / std::max(n_drawn, 1.0);
     std::int64_t cell = out_.side_[static_cast<std::size_t>(level)];
     while (cell > 1 && static_cast<double>(cell) > wanted) cell /= 2;
-    std::vector<std::tuple<std::int64_t, std::int64_t, std::size_t>> cells;
+    // Cells are at least a lattice step wide and the lattice has fewer than 2^64 points.
+    std::vector<std::pair<std::uint64_t, std::uint32_t>> cells;
     for (std::size_t k = 0; k < segments.size(); ++k) {
       const Segment& s = segments[k];
       if (s.dropped) continue;
@@ -407,22 +420,20 @@ class LinePyramidBuilder {
           first = std::max(x0, floor_cell(low - 1));
           last = std::min(x1, floor_cell(high + 1));
         }
-        for (std::int64_t x = first; x <= last; ++x) cells.emplace_back(y, ((x % n) + n) % n, k);
+        for (std::int64_t x = first; x <= last; ++x) {
+          cells.emplace_back(static_cast<std::uint64_t>(y * n + ((x % n) + n) % n), static_cast<std::uint32_t>(k));
+        }
       }
     }
     std::sort(cells.begin(), cells.end());
     std::vector<std::pair<std::size_t, std::size_t>> pairs;
     for (std::size_t first = 0; first < cells.size();) {
       std::size_t end = first;
-      while (end < cells.size() && std::get<0>(cells[end]) == std::get<0>(cells[first]) &&
-             std::get<1>(cells[end]) == std::get<1>(cells[first])) {
-        ++end;
-      }
+      while (end < cells.size() && cells[end].first == cells[first].first) ++end;
       for (std::size_t i = first; i < end; ++i) {
         for (std::size_t j = i + 1; j < end; ++j) {
-          const Segment &s = segments[std::get<2>(cells[i])], &t = segments[std::get<2>(cells[j])];
-          if (cross(lines[s.line], s, lines[t.line], t))
-            pairs.emplace_back(std::get<2>(cells[i]), std::get<2>(cells[j]));
+          const Segment &s = segments[cells[i].second], &t = segments[cells[j].second];
+          if (cross(lines[s.line], s, lines[t.line], t)) pairs.emplace_back(cells[i].second, cells[j].second);
         }
       }
       first = end;
@@ -443,7 +454,7 @@ class LinePyramidBuilder {
       const auto refine = [&](std::size_t k) {
         Segment& s = segments[k];
         if (touched[k] || s.to - s.from < 2) return touched[k] == true;
-        const std::size_t middle = farthest(lines[s.line], s.from, s.to, level).position;
+        const Place middle = farthest(lines[s.line], s.from, s.to, level).position;
         auto& drawn = lines[s.line].drawn;
         drawn.insert(std::lower_bound(drawn.begin(), drawn.end(), middle), middle);
         added.push_back({s.line, middle, s.to});
@@ -503,7 +514,7 @@ class LinePyramidBuilder {
   }
 
   void collect_crossings() {
-    for (Id id = 0; id < out_.vertices_.size(); ++id) {
+    for (Id id = 0; id < static_cast<Id>(out_.vertices_.size()); ++id) {
       if (entry_[id] == kNone) continue;
       const LatticePoint& p = point(id);
       if (meridian_level_[id] != kNone) {
@@ -523,13 +534,30 @@ class LinePyramidBuilder {
   const std::span<const LineDetail> detail_;
   const int bottom_;
   std::vector<Chain> chains_;
+  std::vector<LatticePoint> stretch_;
   std::vector<std::uint8_t> entry_;                            // coarsest level that keeps the vertex
   std::vector<std::uint8_t> meridian_level_, parallel_level_;  // coarsest border line through the vertex
 };
 
 LinePyramid::LinePyramid(const Lattice& lattice, std::span<const BreakChain> chains,
                          std::span<const LineDetail> detail) {
-  LinePyramidBuilder(*this, lattice, chains, detail);
+  LinePyramidBuilder(*this, lattice, chains, detail, {}, [](std::size_t) {});
+}
+
+LinePyramid::LinePyramid(const Lattice& lattice, std::span<BreakChain> chains, std::span<const LineDetail> detail,
+                         const ScratchAllocator& scratch) {
+  LinePyramidBuilder(*this, lattice, chains, detail, scratch,
+                     [&](std::size_t k) { std::vector<BreakVertex>().swap(chains[k].vertices); });
+}
+
+void LinePyramid::allocate_vertices(std::size_t n, const ScratchAllocator& scratch) {
+  void* const memory = scratch ? scratch(n * sizeof(LatticePoint)) : nullptr;
+  if (memory == nullptr) {
+    owned_vertices_.resize(n);
+    vertices_ = owned_vertices_;
+  } else {
+    vertices_ = {static_cast<LatticePoint*>(memory), n};
+  }
 }
 
 std::span<const LineCrossing> LinePyramid::crossings(bool vertical, std::int64_t at, std::int64_t start,

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "core/break_line.hpp"
+#include "core/drainage/flow_run.hpp"
 #include "core/lattice.hpp"
 #include "core/pinned_points.hpp"
 #include "core/tile_key.hpp"
@@ -48,6 +49,12 @@ class LinePyramid {
   /// vertices, and where even that does not part them the lighter one has a gap. Deterministic in the order of
   /// `chains`.
   LinePyramid(const Lattice& lattice, std::span<const BreakChain> chains, std::span<const LineDetail> detail);
+  /// The same; frees the vertices of each chain as soon as it can. Takes 24 bytes a vertex from `scratch`, memory that
+  /// must outlive this object, or from the heap where `scratch` gives none.
+  LinePyramid(const Lattice& lattice, std::span<BreakChain> chains, std::span<const LineDetail> detail,
+              const ScratchAllocator& scratch);
+  LinePyramid(LinePyramid&&) noexcept = default;
+  LinePyramid& operator=(LinePyramid&&) noexcept = default;
 
   bool empty() const { return vertices_.empty(); }
   /// All vertices of all chains and their crossings with border lines, ascending by (y, x), x in [0, width): the
@@ -59,7 +66,10 @@ class LinePyramid {
   std::span<const LineCrossing> crossings(bool vertical, std::int64_t at, std::int64_t start, std::int64_t end) const;
   /// The pieces inside a tile, heaviest first.
   std::vector<LineSegment> segments(const TileKey& tile) const;
-  /// Number of pieces and of vertices that the lines of a level have.
+  /// Number of vertices of the level's lines, and of their pieces inside tiles.
+  std::uint64_t n_vertices(int level) const {
+    return empty() ? 0 : levels_[static_cast<std::size_t>(level)].line_vertices.size();
+  }
   std::uint64_t n_segments(int level) const { return levels_[static_cast<std::size_t>(level)].pieces.size(); }
   /// Pieces of the level that are not drawn because they cross a heavier line.
   std::uint64_t n_dropped(int level) const { return levels_[static_cast<std::size_t>(level)].n_dropped; }
@@ -83,7 +93,10 @@ class LinePyramid {
 
   std::int64_t width_ = 0;
   std::vector<std::int64_t> side_;  // of a tile, per level
-  std::vector<LatticePoint> vertices_;
+  void allocate_vertices(std::size_t n, const ScratchAllocator& scratch);
+
+  std::span<LatticePoint> vertices_;  // scratch, or owned_vertices_
+  std::vector<LatticePoint> owned_vertices_;
   std::vector<std::uint64_t> vertex_filter_;
   std::vector<LineCrossing> crossings_;  // by (vertical, at, t)
   std::vector<Level> levels_;

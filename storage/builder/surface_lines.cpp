@@ -42,22 +42,29 @@ std::vector<LineDetail> details_of(const HeightField& field, const LevelTable& t
 double max_change_m(const LevelTable& table) { return table.levels.back().tolerance_m / 2; }
 
 // Sets what the user left open by how many posts stand behind a vertex of the bottom level.
-void choose_sizes(const HeightField& field, const LevelTable& table, const LineOptions& options, int threads,
+void choose_sizes(const HeightField& field, const LevelTable& table, const LineOptions& options, const FlowRun& run,
                   SurfaceLines& lines) {
   lines.drainage_cells = options.drainage_cells.value_or(0);
   lines.lake_area_m2 = options.lake_area_m2.value_or(0);
   if (options.drainage_cells && options.lake_area_m2) return;
+  std::vector<std::int64_t> n_of_row(static_cast<std::size_t>(field.n_rows), 0);
+  for_row_bands(run, field.n_rows, [&](std::int64_t row_begin, std::int64_t row_end) {
+    for (std::int64_t r = row_begin; r < row_end; ++r) {
+      std::int64_t n = 0;
+      for (std::int64_t c = 0; c < field.n_cols; ++c) n += is_of_source(field.origin_at(r, c)) ? 1 : 0;
+      n_of_row[static_cast<std::size_t>(r)] = n;
+    }
+  });
   std::int64_t n_posts = 0;
   double area_m2 = 0;
   const double post_m = post_spacing_m(field);
   for (std::int64_t r = 0; r < field.n_rows; ++r) {
-    std::int64_t n = 0;
-    for (std::int64_t c = 0; c < field.n_cols; ++c) n += is_of_source(field.origin_at(r, c));
+    const std::int64_t n = n_of_row[static_cast<std::size_t>(r)];
     n_posts += n;
     const double latitude = (field.post_y(r) * field.lattice.step_deg() - 90) * std::numbers::pi / 180;
     area_m2 += static_cast<double>(n) * post_m * post_m * (field.dx / field.dy) * std::max(0.0, std::cos(latitude));
   }
-  const double vertices = estimate_bottom_vertices(field, table, threads);
+  const double vertices = estimate_bottom_vertices(field, table, run.threads);
   if (!options.drainage_cells) {
     const double cells = kCellsPerVertex * static_cast<double>(n_posts) / vertices;
     lines.drainage_cells = std::max<std::int64_t>(1, std::llround(cells));
@@ -178,8 +185,10 @@ Result<SurfaceLines> make_surface_lines(const HeightField& field, const LevelTab
   SurfaceLines lines;
   Chains all;
   if (options.drainage) {
-    choose_sizes(field, table, options, threads, lines);
-    if (auto added = add_drainage(field, table, options, scratch_dir, {threads, cancel, progress}, lines, all); !added) {
+    choose_sizes(field, table, options, {threads, cancel, {}}, lines);
+    if (cancel != nullptr && *cancel) return fail(ErrorKind::kInterrupted, "interrupted");
+    if (auto added = add_drainage(field, table, options, scratch_dir, {threads, cancel, progress}, lines, all);
+        !added) {
       return tl::unexpected(added.error());
     }
   }
@@ -197,8 +206,16 @@ Result<SurfaceLines> make_surface_lines(const HeightField& field, const LevelTab
       if (auto noded = node_all(all); !noded) return tl::unexpected(noded.error());
     }
   }
-  if (!all.chains.empty()) lines.pyramid = LinePyramid(field.lattice, all.chains, details_of(field, table));
-  for (const DrawnLine& line : lines.pyramid.drawn(table.bottom_level())) lines.counts.vertices += line.vertices.size();
+  if (!all.chains.empty()) {
+    const auto allocate = [&](std::size_t n_bytes) -> void* {
+      auto map = ScratchMap::create(scratch_dir, n_bytes);
+      if (!map) return nullptr;  // there is the heap
+      lines.scratch.push_back(std::move(*map));
+      return lines.scratch.back().data();
+    };
+    lines.pyramid = LinePyramid(field.lattice, all.chains, details_of(field, table), allocate);
+    lines.counts.vertices = lines.pyramid.n_vertices(table.bottom_level());
+  }
   if (!options.lines_out.empty()) lines.layers = layers_of(field.lattice, table, lines.pyramid, all);
   return lines;
 }

@@ -16,6 +16,7 @@
 #include "storage/manifest.hpp"
 #include "storage/readers/line_writer.hpp"
 #include "storage/readers/ogr_lines.hpp"
+#include "storage/readers/scratch_map.hpp"
 
 namespace tind {
 
@@ -40,6 +41,7 @@ struct LineOptions {
 
 /// The lines of a build.
 struct SurfaceLines {
+  std::vector<ScratchMap> scratch;  ///< Where the pyramid's vertices are.
   LinePyramid pyramid;
   LineCounts counts;
   std::int64_t drainage_cells = 0;  ///< As used.

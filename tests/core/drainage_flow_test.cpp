@@ -3,11 +3,16 @@
 #include "core/drainage/flow.hpp"
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
+#include <set>
+#include <thread>
+#include <utility>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "core/drainage/block_schedule.hpp"
 #include "core/drainage/compare.hpp"
 #include "tests/core/drainage_world.hpp"
 
@@ -234,20 +239,70 @@ TEST_P(DrainageOnRoughTerrain, NoTwoFlowsCross) {
   EXPECT_GT(n_diagonal, 1000);
 }
 
-TEST_P(DrainageOnRoughTerrain, BlockSizeChangesNothing) {
+TEST_P(DrainageOnRoughTerrain, BlockSizeAndThreadsChangeNothing) {
   const auto seed = static_cast<std::uint64_t>(GetParam());
   const auto map = rough_map(seed, 150, 131, seed % 2 ? 300 : 6, 0.005);
   FlowWorld whole(map);
   whole.grid.wraps = seed % 2 == 0;
   whole.run(32768);
-  for (const std::int64_t side : {3, 16, 64}) {
+  for (const auto& [side, threads] : {std::pair{1, 3}, {2, 1}, {3, 1}, {7, 4}, {16, 3}, {43, 3}, {64, 2}}) {
     FlowWorld blocks(map);
     blocks.grid.wraps = whole.grid.wraps;
-    blocks.run(side);
+    blocks.run(side, threads);
     EXPECT_EQ(blocks.filled_m, whole.filled_m) << side;
     EXPECT_EQ(blocks.directions, whole.directions) << side;
     EXPECT_EQ(blocks.accumulation, whole.accumulation) << side;
     EXPECT_EQ(blocks.marks, whole.marks) << side;
+  }
+}
+
+TEST(DrainageDirections, AWideFlatDrainsThoughItsFarPostsAreAllAsFarFromHigherGround) {
+  // Higher ground at the western end, the way out at the eastern one, no water over the other sides.
+  const std::int64_t n = 3 * std::int64_t{FlatSteps::kFarAway};
+  std::vector<std::vector<float>> map(3, std::vector<float>(static_cast<std::size_t>(n), 5));
+  for (auto& row : map) row[0] = 9;
+  FlowWorld w(map);
+  w.grid.closed_south = w.grid.closed_north = true;
+  w.run(64, 2);
+  for (std::int64_t r = 0; r < 3; ++r) {
+    for (std::int64_t c = 0; c + 1 < n; ++c) ASSERT_EQ(w.directions[w.at(r, c)], 0) << r << " " << c;
+    EXPECT_EQ(w.accumulation[w.at(r, n - 1)] / kCell, static_cast<std::uint64_t>(n));
+  }
+}
+
+TEST(DrainageSchedule, BlocksThatTouchAreNeverVisitedTogether) {
+  for (const bool wraps : {false, true}) {
+    for (const std::int64_t n_cols : {1, 7, 9, 12, 15, 20}) {
+      // What a visit may change: its block and the ring around it.
+      std::vector<std::atomic<int>> users(static_cast<std::size_t>(14 * n_cols));
+      std::atomic<int> n_clashes{0}, n_visits{0};
+      BlockSchedule schedule(14, n_cols, wraps, 3);
+      const auto touch = [&](const BlockSchedule::Visit& v, int change) {
+        for (std::int64_t r = std::max<std::int64_t>(v.row_begin - 1, 0); r < std::min<std::int64_t>(v.row_end + 1, 14);
+             ++r) {
+          std::set<std::int64_t> cols;
+          for (std::int64_t c = v.col_begin - 1; c <= v.col_end; ++c) {
+            if (wraps || (c >= 0 && c < n_cols)) cols.insert((c + n_cols) % n_cols);
+          }
+          for (const std::int64_t c : cols) {
+            const int others = users[static_cast<std::size_t>(r * n_cols + c)].fetch_add(change);
+            if (change > 0 && others > 0) ++n_clashes;
+          }
+        }
+      };
+      EXPECT_TRUE(schedule.run(
+          {8, nullptr, {}},
+          [&](int, BlockSchedule::Visit& v) {
+            touch(v, 1);
+            std::this_thread::yield();
+            ++n_visits;
+            if (v.first && v.row_end < 14) v.hand_over(v.row_end, v.col_begin);
+            touch(v, -1);
+          },
+          [] {}));
+      EXPECT_EQ(n_clashes, 0) << wraps << " " << n_cols;
+      EXPECT_GT(n_visits, schedule.n_blocks());
+    }
   }
 }
 

@@ -3,6 +3,7 @@
 #include "core/drainage/drainage.hpp"
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <map>
 #include <tuple>
@@ -276,6 +277,7 @@ TEST(DrainageOfRoughTerrain, KeepsItsPromises) {
     }
     for (const std::int64_t side : {16, 64}) {
       o.block_side = side;
+      o.run.threads = side == 16 ? 3 : 1;
       const auto blocks = drain(f.field, o);
       ASSERT_TRUE(blocks);
       EXPECT_EQ(all_of(*blocks), all_of(*d)) << side;
@@ -300,9 +302,50 @@ TEST(DrainageOptions, OutOfRangeAreRefused) {
   EXPECT_THAT(message([](DrainageOptions& o) { o.sea_level_m = INFINITY; }), HasSubstr("sea level"));
   EXPECT_THAT(message([](DrainageOptions& o) { o.bottom_level = 29; }), HasSubstr("bottom level"));
   EXPECT_THAT(message([](DrainageOptions& o) { o.block_side = 0; }), HasSubstr("blocks"));
+  EXPECT_THAT(message([](DrainageOptions& o) { o.run.threads = 0; }), HasSubstr("thread"));
   const auto none = derive_drainage(f.field, options(20), [](std::size_t) -> void* { return nullptr; });
   ASSERT_FALSE(none);
   EXPECT_EQ(none.error().kind, ErrorKind::kIo);
+}
+
+TEST(DrainageRun, TellsHowFarItIsAndStopsWhenAsked) {
+  const TestField f = equator_field(300, 300, [](auto r, auto c) { return valley(r, c, 150); });
+  std::vector<double> shares;
+  DrainageOptions o = options(20);
+  o.block_side = 32;
+  o.run.progress = [&](double share) { shares.push_back(share); };
+  const auto whole = drain(f.field, o);
+  ASSERT_TRUE(whole);
+  EXPECT_GT(shares.size(), 20u);
+  EXPECT_TRUE(std::is_sorted(shares.begin(), shares.end()));
+  EXPECT_GE(shares.front(), 0);
+  EXPECT_EQ(shares.back(), 1);
+  // Wherever it is: nothing more is told after a few steps, and no drainage comes.
+  for (std::size_t stop_at = 0; stop_at + 1 < shares.size(); stop_at += 3) {
+    std::atomic<bool> cancel{false};
+    std::size_t n = 0;
+    o.run.cancel = &cancel;
+    o.run.progress = [&](double) {
+      if (n++ == stop_at) cancel = true;
+    };
+    const auto stopped = drain(f.field, o);
+    ASSERT_FALSE(stopped) << stop_at;
+    EXPECT_EQ(stopped.error().kind, ErrorKind::kInterrupted);
+    EXPECT_LE(n, stop_at + 8);
+  }
+}
+
+TEST(DrainageRun, ScratchThatEndsBeforeTheStreamsIsTold) {
+  const TestField f = equator_field(40, 40, [](auto r, auto c) { return valley(r, c, 20); });
+  std::vector<std::vector<double>> memory;
+  const auto d = derive_drainage(f.field, options(20), [&](std::size_t n_bytes) -> void* {
+    if (memory.size() == 5) return nullptr;
+    memory.emplace_back(n_bytes / sizeof(double) + 1);
+    return memory.back().data();
+  });
+  ASSERT_FALSE(d);
+  EXPECT_EQ(d.error().kind, ErrorKind::kIo);
+  EXPECT_THAT(d.error().message, HasSubstr("streams"));
 }
 
 }  // namespace

@@ -34,15 +34,16 @@ struct FlowWorld {
   }
   FlowWorld(const FlowWorld&) = delete;
 
-  void run(std::int64_t block_side = kBlockSide) {
-    mark_outlets(grid);
+  void run(std::int64_t block_side = kBlockSide, int threads = 1) {
+    const FlowRun run{threads, nullptr, {}};
+    mark_outlets(grid, run);
     filled_m.resize(heights_m.size());
     steps.resize(heights_m.size());
     directions.resize(heights_m.size());
     accumulation.resize(heights_m.size());
-    fill_depressions(grid, block_side, filled_m.data());
-    direct_flow(grid, block_side, filled_m.data(), steps.data(), directions.data());
-    accumulate_flow(grid, block_side, directions.data(), accumulation.data());
+    fill_depressions(grid, block_side, filled_m.data(), run);
+    direct_flow(grid, block_side, filled_m.data(), steps.data(), directions.data(), run);
+    accumulate_flow(grid, block_side, directions.data(), accumulation.data(), run);
   }
   /// Index of a post by its place on the map.
   std::size_t at(std::int64_t map_row, std::int64_t col) const {
