@@ -2,6 +2,7 @@
 #pragma once
 
 #include <array>
+#include <bit>
 #include <cmath>
 #include <cstdint>
 #include <string>
@@ -49,14 +50,17 @@ struct Lattice {
   /// Degrees per lattice step (both axes).
   double step_deg() const { return 180.0 / static_cast<double>(tile_side(0)); }
   /// Metres per height unit.
-  double height_unit_m() const { return std::ldexp(1.0, -height_exponent); }
+  double height_unit_m() const { return power_of_two(-height_exponent); }
 
   double longitude_deg(std::int64_t x) const { return static_cast<double>(x) * step_deg() - 180.0; }
   double latitude_deg(std::int64_t y) const { return static_cast<double>(y) * step_deg() - 90.0; }
   double height_m(std::int32_t z) const { return static_cast<double>(z) * height_unit_m(); }
   /// Nearest height unit, halves away from zero.
   std::int32_t height_from_m(double metres) const {
-    return static_cast<std::int32_t>(std::lround(std::ldexp(metres, height_exponent)));
+    const double units = metres * power_of_two(height_exponent);
+    const auto whole = static_cast<std::int32_t>(units);
+    const double rest = units - static_cast<double>(whole);  // exact
+    return whole + (rest >= 0.5 ? 1 : rest <= -0.5 ? -1 : 0);
   }
 
   /// The one function that turns lattice integers into a globe position: Earth-centred Earth-fixed metres.
@@ -65,6 +69,12 @@ struct Lattice {
   }
   /// Geodetic degrees and metres above the ellipsoid to ECEF metres.
   std::array<double, 3> geodetic_to_ecef(double lon_deg, double lat_deg, double height_m) const;
+
+ private:
+  /// 2^n exactly, |n| <= 1000, without a call.
+  static constexpr double power_of_two(int n) {
+    return std::bit_cast<double>(static_cast<std::uint64_t>(1023 + n) << 52);
+  }
 };
 
 }  // namespace tind

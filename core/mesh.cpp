@@ -12,37 +12,53 @@ namespace {
 
 __extension__ using Int128 = __int128;
 
-// Bounds on differences of coordinates M: below 2^12 the in-circle determinant (at most 8 M^4) is exact in double
-// precision, up to 2^30 in 128 bits.
-constexpr double kExactDouble = 0x1p12;
+// In-circle tests are exact in 128 bits while differences of coordinates are below this.
 constexpr double kExactInt128 = 0x1p30;
 
 std::int64_t whole(double v) { return static_cast<std::int64_t>(v); }
 
-// Whether t lies strictly inside the circle through p, q and r, counter-clockwise: the angles that r and t see the
-// chord pq under add up to more than 180 degrees.
-bool is_in_circle(const Mesh::Vertex& p, const Mesh::Vertex& q, const Mesh::Vertex& r, const Mesh::Vertex& t) {
-  const double qpx = q.x - p.x, qpy = q.y - p.y, rpx = r.x - p.x, rpy = r.y - p.y, tpx = t.x - p.x, tpy = t.y - p.y;
-  const double rqx = r.x - q.x, rqy = r.y - q.y, tqx = t.x - q.x, tqy = t.y - q.y;
-  const double t_sine = qpx * tpy - qpy * tpx, t_cosine = tpx * tqx + tpy * tqy;
-  const double r_sine = qpx * rpy - qpy * rpx, r_cosine = rpx * rqx + rpy * rqy;
-  const double value = t_sine * r_cosine - t_cosine * r_sine;
-  const auto longest = [](double a, double b) { return std::max(std::abs(a), std::abs(b)); };
-  const double m =
-      std::max({longest(qpx, qpy), longest(rpx, rpy), longest(tpx, tpy), longest(rqx, rqy), longest(tqx, tqy)});
-  if (m <= kExactDouble) return value > 0;
+// Four points on a circle: t lies strictly inside the one through p, q and r, counter-clockwise, iff the angles that r
+// and t see the chord pq under add up to more than 180 degrees: sine and cosine of each, times the same two lengths.
+struct Angles {
+  double t_sine, t_cosine, r_sine, r_cosine;
+
+  Angles(const Mesh::Vertex& p, const Mesh::Vertex& q, const Mesh::Vertex& r, const Mesh::Vertex& t) {
+    const double qpx = q.x - p.x, qpy = q.y - p.y, rpx = r.x - p.x, rpy = r.y - p.y, tpx = t.x - p.x, tpy = t.y - p.y;
+    t_sine = qpx * tpy - qpy * tpx;
+    r_sine = qpx * rpy - qpy * rpx;
+    t_cosine = tpx * (t.x - q.x) + tpy * (t.y - q.y);
+    r_cosine = rpx * (r.x - q.x) + rpy * (r.y - q.y);
+  }
+};
+
+// Sides up to 2^26: all four numbers are whole and below 2^53.
+bool is_in_near_circle(const Mesh::Vertex& p, const Mesh::Vertex& q, const Mesh::Vertex& r, const Mesh::Vertex& t) {
+  const Angles a(p, q, r, t);
+  const double left = a.t_sine * a.r_cosine, right = a.t_cosine * a.r_sine;
+  if (std::abs(left - right) > 0x1p-51 * (std::abs(left) + std::abs(right))) return left > right;
+  return Int128{whole(a.t_sine)} * whole(a.r_cosine) > Int128{whole(a.t_cosine)} * whole(a.r_sine);
+}
+
+bool is_in_far_circle(const Mesh::Vertex& p, const Mesh::Vertex& q, const Mesh::Vertex& r, const Mesh::Vertex& t) {
+  const Angles a(p, q, r, t);
+  const double value = a.t_sine * a.r_cosine - a.t_cosine * a.r_sine;
+  double m = 0;  // largest difference of coordinates
+  for (const double d :
+       {q.x - p.x, q.y - p.y, r.x - p.x, r.y - p.y, t.x - p.x, t.y - p.y, t.x - q.x, t.y - q.y, r.x - q.x, r.y - q.y}) {
+    m = std::max(m, std::abs(d));
+  }
   // Each factor is at most 2 m^2 and wrong by at most 4 u m^2, u = 2^-53: the value by 48 u m^4 and a little.
   const double error = 0x1p-47 * (m * m) * (m * m);
   if (value > error) return true;
   if (value < -error) return false;
   if (m > kExactInt128) return is_in_circle_exact(p.x, p.y, q.x, q.y, r.x, r.y, t.x, t.y);
-  const auto sine = [](double ax, double ay, double bx, double by) {
-    return Int128{whole(ax)} * whole(by) - Int128{whole(ay)} * whole(bx);
+  const auto sine = [&](const Mesh::Vertex& v) {
+    return Int128{whole(q.x - p.x)} * whole(v.y - p.y) - Int128{whole(q.y - p.y)} * whole(v.x - p.x);
   };
-  const auto cosine = [](double ax, double ay, double bx, double by) {
-    return Int128{whole(ax)} * whole(bx) + Int128{whole(ay)} * whole(by);
+  const auto cosine = [&](const Mesh::Vertex& v) {
+    return Int128{whole(v.x - p.x)} * whole(v.x - q.x) + Int128{whole(v.y - p.y)} * whole(v.y - q.y);
   };
-  return sine(qpx, qpy, tpx, tpy) * cosine(rpx, rpy, rqx, rqy) > cosine(tpx, tpy, tqx, tqy) * sine(qpx, qpy, rpx, rpy);
+  return sine(t) * cosine(r) > cosine(t) * sine(r);
 }
 
 }  // namespace
@@ -179,8 +195,9 @@ void Mesh::insert(std::int32_t v, const Location& where) {
 bool Mesh::must_flip(std::int32_t edge) const {
   const std::int32_t twin = twin_of(edge);
   if (twin == kNone || is_fixed(edge)) return false;
-  return is_in_circle(vertex(start_of(edge)), vertex(end_of(edge)), vertex(opposite_of(edge)),
-                      vertex(opposite_of(twin)));
+  const Vertex &p = vertex(start_of(edge)), &q = vertex(end_of(edge));
+  const Vertex &r = vertex(opposite_of(edge)), &t = vertex(opposite_of(twin));
+  return products_are_exact_ ? is_in_near_circle(p, q, r, t) : is_in_far_circle(p, q, r, t);
 }
 
 // The other diagonal of the two triangles beside an edge. With p opposite the edge and q beyond it, its face becomes

@@ -43,6 +43,7 @@ Guard BorderGuard::of_face(const Mesh& mesh, std::int32_t face, double unit_m) c
   }
   const Mesh::Vertex& apex = mesh.vertex(opposite);
   guard.kind = Guard::Kind::kFan;
+  guard.finer_m = finer_m;
   guard.apex_m = static_cast<double>(apex.z) * unit_m;
   guard.apex_along = guard.border % 2 == 0 ? apex.x : apex.y;
   guard.apex_across = guard.border == 0   ? apex.y

@@ -17,6 +17,7 @@ struct Guard {
   int border = 0;                          ///< kFan: the border of the one border edge, 0 south .. 3 west.
   double apex_along = 0, apex_across = 0;  ///< kFan: apex, along the border and its distance from it, lattice steps.
   double apex_m = 0;                       ///< kFan: height of the apex.
+  double finer_m = 0;                      ///< kFan: largest distance of a finer border from B_L.
   double extra_m = 0;                      ///< Corner triangle: added to the error of every post.
 };
 

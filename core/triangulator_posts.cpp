@@ -146,6 +146,36 @@ std::pair<double, double> TilePosts::position(std::int64_t index) const {
   return {w->x(at - r * w->n_cols), w->y(r)};
 }
 
+// The posts of a part of a window: sums of the blocks that lie in it, and rows of the others.
+template <class Sums, class Row>
+void TilePosts::for_posts(const PostWindow& w, std::int64_t n_rows, std::int64_t n_cols, Sums sums, Row row) const {
+  if (!has_blocks()) {
+    for (std::int64_t r = 0; r < n_rows; ++r) row(r, 0, n_cols);
+    return;
+  }
+  blocks().visit(
+      {w.field_row, w.field_col, n_rows, n_cols},
+      [&](int level, std::int64_t i, std::int64_t j, bool inside) {
+        if (inside) sums(blocks().sums(level, i, j));
+        return inside;
+      },
+      [&](std::int64_t r, std::int64_t c_begin, std::int64_t c_end) {
+        row(r - w.field_row, c_begin - w.field_col, c_end - w.field_col);
+      });
+}
+
+std::uint64_t TilePosts::count_source(const PostWindow& w, std::int64_t n_rows, std::int64_t n_cols) const {
+  std::uint64_t n = 0;
+  if (n_rows <= 0 || n_cols <= 0) return n;
+  for_posts(
+      w, n_rows, n_cols, [&](const PostBlockSums& sums) { n += sums.n_source; },
+      [&](std::int64_t r, std::int64_t c_begin, std::int64_t c_end) {
+        const PostOrigin* origins = row_origins(w, r);
+        n += static_cast<std::uint64_t>(std::count(origins + c_begin, origins + c_end, PostOrigin::kSource));
+      });
+  return n;
+}
+
 std::pair<double, double> TilePosts::height_range() const {
   double low = std::numeric_limits<double>::infinity(), high = -low;
   for (const PostWindow& w : windows_) {
@@ -154,16 +184,23 @@ std::pair<double, double> TilePosts::height_range() const {
       high = std::max(high, field_->base_height_m);
       continue;
     }
-    for (std::int64_t r = 0; r < w.n_rows; ++r) {
+    const auto row = [&](std::int64_t r, std::int64_t c_begin, std::int64_t c_end) {
       const float* heights = row_heights(w, r);
-      float least = heights[0], most = heights[0];
-      for (std::int64_t c = 1; c < w.n_cols; ++c) {
+      float least = heights[c_begin], most = heights[c_begin];
+      for (std::int64_t c = c_begin + 1; c < c_end; ++c) {
         least = heights[c] < least ? heights[c] : least;
         most = heights[c] > most ? heights[c] : most;
       }
       low = std::min(low, static_cast<double>(least));
       high = std::max(high, static_cast<double>(most));
-    }
+    };
+    for_posts(
+        w, w.n_rows, w.n_cols,
+        [&](const PostBlockSums& sums) {
+          low = std::min(low, static_cast<double>(sums.min_height_m));
+          high = std::max(high, static_cast<double>(sums.max_height_m));
+        },
+        row);
   }
   for (const TilePoint& p : points_) {
     low = std::min(low, p.height_m);

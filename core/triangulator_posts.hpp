@@ -2,26 +2,20 @@
 #pragma once
 
 #include <algorithm>
+#include <array>
+#include <cmath>
 #include <cstdint>
-#include <span>
 #include <utility>
 #include <vector>
 
 #include "core/height_field.hpp"
 #include "core/mesh.hpp"
+#include "core/post_blocks.hpp"
 #include "core/tile_key.hpp"
+#include "core/triangle_blocks.hpp"
+#include "core/triangle_rows.hpp"
 
 namespace tind {
-
-/// floor and ceil of numbers below 2^63 in magnitude, without a call into libm.
-inline std::int64_t floor_of(double v) {
-  const auto whole = static_cast<std::int64_t>(v);
-  return whole - (static_cast<double>(whole) > v ? 1 : 0);
-}
-inline std::int64_t ceil_of(double v) {
-  const auto whole = static_cast<std::int64_t>(v);
-  return whole + (static_cast<double>(whole) < v ? 1 : 0);
-}
 
 /// A regular grid of posts over a tile, in local lattice steps.
 struct PostWindow {
@@ -35,6 +29,26 @@ struct PostWindow {
 
   double x(std::int64_t c) const { return x0 + static_cast<double>(c) * dx; }
   double y(std::int64_t r) const { return y0 + static_cast<double>(r) * dy; }
+};
+
+/// A triangle in the posts of a window: column and row of its corners.
+struct TriangleInPosts {
+  double u[3], v[3];
+
+  /// Whether blocks of posts pay.
+  bool is_large() const {
+    constexpr double kLarge = 24;
+    return std::max({u[0], u[1], u[2]}) - std::min({u[0], u[1], u[2]}) >= kLarge &&
+           std::max({v[0], v[1], v[2]}) - std::min({v[0], v[1], v[2]}) >= kLarge;
+  }
+
+  TriangleInPosts(const PlanTriangle& t, const PostWindow& w) {
+    const double to_col = 1 / w.dx, to_row = 1 / w.dy;
+    for (int i = 0; i < 3; ++i) {
+      u[i] = (t.x[i] - w.x0) * to_col;
+      v[i] = (t.y[i] - w.y0) * to_row;
+    }
+  }
 };
 
 /// An irregular post of a tile, local lattice steps.
@@ -64,12 +78,18 @@ class TilePosts {
   std::pair<double, double> position(std::int64_t index) const;
   std::int64_t index_of_point(std::uint32_t k) const { return first_point_ + k; }
 
+  bool has_blocks() const { return field_->blocks != nullptr; }
+  const PostBlocks& blocks() const { return *field_->blocks; }
+
   /// Whether the base grid has nothing to say in a triangle: the field covers it, by the box around it.
   bool is_covered(const PlanTriangle& t) const;
   /// Same for a point.
   bool is_covered(double x, double y) const {
     return field_->covers(x + static_cast<double>(west_), y + static_cast<double>(south_));
   }
+
+  /// Number of the source's own posts in rows [0, n_rows) and columns [0, n_cols) of a window.
+  std::uint64_t count_source(const PostWindow& w, std::int64_t n_rows, std::int64_t n_cols) const;
 
   /// Lowest and highest of all posts, metres; low > high when there is none.
   std::pair<double, double> height_range() const;
@@ -78,6 +98,10 @@ class TilePosts {
   /// rounding are visited with it, so that none falls between two.
   template <class Row>
   static void for_rows(const PlanTriangle& t, const PostWindow& w, Row row);
+  /// The same, but large triangles leave out the blocks of posts of which bound(block, extent) says less than `worst`,
+  /// which `row` may raise; the most promising blocks come first. `extent`: its columns and rows of the window.
+  template <class Bound, class Row>
+  void for_promising_rows(const PlanTriangle& t, const PostWindow& w, const double& worst, Bound bound, Row row) const;
 
   /// Calls visit(k, point) for the irregular posts in a triangle, borders included as above.
   template <class Visit>
@@ -93,6 +117,8 @@ class TilePosts {
   void find_windows();
   void find_covered_boxes();
   void collect_points();
+  template <class Sums, class Row>
+  void for_posts(const PostWindow& w, std::int64_t n_rows, std::int64_t n_cols, Sums sums, Row row) const;
   template <class Visit>
   void visit_points(const PlanTriangle& t, Visit visit) const;
   std::int64_t cell_col(double x) const {
@@ -117,38 +143,71 @@ class TilePosts {
 
 template <class Row>
 void TilePosts::for_rows(const PlanTriangle& t, const PostWindow& w, Row row) {
-  // Corners by their row: 0 lowest.
-  const double to_col = 1 / w.dx, to_row = 1 / w.dy;
-  double x0 = (t.x[0] - w.x0) * to_col, x1 = (t.x[1] - w.x0) * to_col, x2 = (t.x[2] - w.x0) * to_col;
-  double y0 = (t.y[0] - w.y0) * to_row, y1 = (t.y[1] - w.y0) * to_row, y2 = (t.y[2] - w.y0) * to_row;
-  const auto order = [](double& xa, double& ya, double& xb, double& yb) {
-    if (ya > yb) {
-      std::swap(xa, xb);
-      std::swap(ya, yb);
-    }
-  };
-  order(x0, y0, x1, y1);
-  order(x1, y1, x2, y2);
-  order(x0, y0, x1, y1);
-  const auto r_first = std::max<std::int64_t>(0, ceil_of(y0 - w.slack_y));
-  const auto r_last = std::min<std::int64_t>(w.n_rows - 1, floor_of(y2 + w.slack_y));
-  if (r_first > r_last) return;
-  const double long_slope = (x2 - x0) / (y2 - y0);
-  const double low_slope = y1 > y0 ? (x1 - x0) / (y1 - y0) : 0;
-  const double high_slope = y2 > y1 ? (x2 - x1) / (y2 - y1) : 0;
+  const TriangleInPosts in(t, w);
+  const TriangleRows rows(in.u, in.v);
+  const auto r_first = std::max<std::int64_t>(0, ceil_of(rows.south() - w.slack_y));
+  const auto r_last = std::min<std::int64_t>(w.n_rows - 1, floor_of(rows.north() + w.slack_y));
   for (std::int64_t r = r_first; r <= r_last; ++r) {
-    const double at = std::min(std::max(static_cast<double>(r), y0), y2);
-    const double x_long = x0 + long_slope * (at - y0);
-    double x_short = x1;
-    if (at < y1) {
-      x_short = x0 + low_slope * (at - y0);
-    } else if (y2 > y1) {
-      x_short = x1 + high_slope * (at - y1);
-    }
-    const auto c_first = std::max<std::int64_t>(0, ceil_of(std::min(x_long, x_short) - w.slack_x));
-    const auto c_last = std::min<std::int64_t>(w.n_cols - 1, floor_of(std::max(x_long, x_short) + w.slack_x));
+    const auto [west, east] = rows.cuts(std::min(std::max(static_cast<double>(r), rows.south()), rows.north()));
+    const auto c_first = std::max<std::int64_t>(0, ceil_of(west - w.slack_x));
+    const auto c_last = std::min<std::int64_t>(w.n_cols - 1, floor_of(east + w.slack_x));
     if (c_first <= c_last) row(r, c_first, c_last);
   }
+}
+
+template <class Bound, class Row>
+void TilePosts::for_promising_rows(const PlanTriangle& t, const PostWindow& w, const double& worst, Bound bound,
+                                   Row row) const {
+  const TriangleInPosts in(t, w);
+  if (w.is_base_grid || !has_blocks() || !in.is_large()) {
+    for_rows(t, w, row);
+    return;
+  }
+  const PostBlocks& blocks = *field_->blocks;
+  const TriangleRows rows(in.u, in.v);
+  // A corner of a large triangle is off by 1e-10 posts at most; that is far below this.
+  const TriangleBlocks walk(blocks, w.field_row, w.field_col, in.u, in.v, 1e-6);
+  struct Promise {
+    double bound_m;
+    BlockInWindow block;
+  };
+  const auto by_promise = [](const Promise& a, const Promise& b) { return a.bound_m > b.bound_m; };
+  const auto bound_of = [&](const BlockInWindow& b) {
+    return Promise{bound(blocks.block(b.level, b.i, b.j), b.posts), b};
+  };
+  const auto rows_of_block = [&](const PostBlocks::Extent& e) {
+    const auto r_first = std::max({std::int64_t{0}, e.row, ceil_of(rows.south() - w.slack_y)});
+    const auto r_last = std::min({w.n_rows, e.row + e.n_rows, floor_of(rows.north() + w.slack_y) + 1}) - 1;
+    for (std::int64_t r = r_first; r <= r_last; ++r) {
+      const auto [west, east] = rows.cuts(std::min(std::max(static_cast<double>(r), rows.south()), rows.north()));
+      const auto c_first = std::max({std::int64_t{0}, e.col, ceil_of(west - w.slack_x)});
+      const auto c_last = std::min({w.n_cols, e.col + e.n_cols, floor_of(east + w.slack_x) + 1}) - 1;
+      if (c_first <= c_last) row(r, c_first, c_last);
+    }
+  };
+  const auto descend = [&](const Promise& from, const auto& self) -> void {
+    if (from.bound_m < worst) return;
+    if (from.block.level == 0) {
+      rows_of_block(from.block.posts);
+      return;
+    }
+    std::array<Promise, 4> children;
+    std::size_t n = 0;
+    walk.for_children(from.block, [&](const BlockInWindow& b) { children[n++] = bound_of(b); });
+    std::array<std::uint8_t, 4> order{};  // insertion sort: there are four
+    for (std::size_t k = 0; k < n; ++k) {
+      std::size_t place = k;
+      for (; place > 0 && children[order[place - 1]].bound_m < children[k].bound_m; --place) {
+        order[place] = order[place - 1];
+      }
+      order[place] = static_cast<std::uint8_t>(k);
+    }
+    for (std::size_t k = 0; k < n; ++k) self(children[order[k]], self);
+  };
+  std::vector<Promise> coarsest;
+  walk.for_coarsest([&](const BlockInWindow& b) { coarsest.push_back(bound_of(b)); });
+  std::stable_sort(coarsest.begin(), coarsest.end(), by_promise);
+  for (const Promise& p : coarsest) descend(p, descend);
 }
 
 template <class Visit>

@@ -33,33 +33,6 @@ void radix_sort(std::vector<CodedIndex>& items, std::vector<CodedIndex>& spare) 
   }
 }
 
-// Where a row of posts cuts the edges of a triangle: the same numbers from both of an edge's triangles, so half-open
-// ranges between them give each post to one triangle. Corners by their row: 0 lowest.
-struct RowCuts {
-  double u[3], v[3], long_slope, low_slope, high_slope;
-
-  void order(int i, int j) {
-    if (v[i] > v[j]) {
-      std::swap(u[i], u[j]);
-      std::swap(v[i], v[j]);
-    }
-  }
-  void prepare() {
-    order(0, 1);
-    order(1, 2);
-    order(0, 1);
-    const auto slope = [this](int i, int j) { return v[j] > v[i] ? (u[j] - u[i]) / (v[j] - v[i]) : 0.0; };
-    long_slope = slope(0, 2);
-    low_slope = slope(0, 1);
-    high_slope = slope(1, 2);
-  }
-  std::pair<double, double> at(double row) const {
-    const double a = u[0] + long_slope * (row - v[0]);
-    const double b = row < v[1] ? u[0] + low_slope * (row - v[0]) : u[1] + high_slope * (row - v[1]);
-    return {std::min(a, b), std::max(a, b)};
-  }
-};
-
 }  // namespace
 
 void morton_order(const std::vector<LocalVertex>& points, std::vector<std::uint32_t>& order) {
@@ -158,44 +131,75 @@ void TileExtractor::measure_window(const Mesh& mesh, const TilePosts& posts, con
   std::int64_t n_cols = w.n_cols, n_rows = w.n_rows;
   while (n_cols > 0 && w.x(n_cols - 1) >= end) --n_cols;
   while (!at_pole && n_rows > 0 && w.y(n_rows - 1) >= end) --n_rows;
-  std::uint64_t expected = 0;
-  for (std::int64_t r = 0; r < n_rows; ++r) {
-    const PostOrigin* origins = posts.row_origins(w, r);
-    expected += static_cast<std::uint64_t>(std::count(origins, origins + n_cols, PostOrigin::kSource));
-  }
+  const std::uint64_t expected = posts.count_source(w, n_rows, n_cols);
   const bool all_source = expected == static_cast<std::uint64_t>(n_cols * n_rows);
 
   // The tile's sides are moved to where its half-open box of posts begins and ends.
-  const double to_col = 1 / w.dx, to_row = 1 / w.dy, beyond = side + 4 * nudge;
+  const double beyond = side + 4 * nudge;
   const auto moved = [&](double at, double last) { return at == 0 ? -4 * nudge : at == side ? last : at; };
   Errors found;
   for (std::int32_t f = 0; f < mesh.n_faces(); ++f) {
-    const Mesh::Face& face = mesh.face(f);
-    RowCuts cuts;
+    PlanTriangle plan = mesh.plan_of(f);
     for (int i = 0; i < 3; ++i) {
-      const Mesh::Vertex& p = mesh.vertex(face.v[i]);
-      cuts.u[i] = (moved(p.x, end) - w.x0) * to_col;
-      cuts.v[i] = (moved(p.y, at_pole ? beyond : end) - w.y0) * to_row;
+      plan.x[i] = moved(plan.x[i], end);
+      plan.y[i] = moved(plan.y[i], at_pole ? beyond : end);
     }
-    cuts.prepare();
-    const std::int64_t r_first = std::max<std::int64_t>(0, ceil_of(cuts.v[0]));
-    const std::int64_t r_end = std::min(n_rows, ceil_of(cuts.v[2]));
+    const TriangleInPosts in(plan, w);
+    const TriangleRows rows(in.u, in.v);
+    const std::int64_t r_first = std::max<std::int64_t>(0, ceil_of(rows.south()));
+    const std::int64_t r_end = std::min(n_rows, ceil_of(rows.north()));
     if (r_first >= r_end) continue;
     const FacePlane plane = scanner.plane_of(f);
-    const double z_step = plane.slope_x * w.dx;
-    for (std::int64_t r = r_first; r < r_end; ++r) {
-      const auto [left, right] = cuts.at(static_cast<double>(r));
-      const std::int64_t c_first = std::max<std::int64_t>(0, ceil_of(left));
-      const std::int64_t c_end = std::min(n_cols, ceil_of(right));
-      if (c_first >= c_end) continue;
+    const double per_col = plane.slope_x * w.dx;
+    const auto add_row = [&](std::int64_t r, std::int64_t c_from, std::int64_t c_to) {
+      const auto [west, east] = rows.cuts(static_cast<double>(r));
+      const std::int64_t c_first = std::max(c_from, ceil_of(west)), c_end = std::min(c_to, ceil_of(east));
       const float* heights = posts.row_heights(w, r);
-      const PostOrigin* origins = posts.row_origins(w, r);
-      const double z = plane.at(w.x(c_first), w.y(r));
-      for (std::int64_t c = c_first; c < c_end; ++c) {
-        if (!all_source && origins[c] != PostOrigin::kSource) continue;
-        found.add(std::abs(z + z_step * static_cast<double>(c - c_first) - static_cast<double>(heights[c])));
+      const double z = plane.at(w.x0, w.y(r));
+      double col = static_cast<double>(c_first);
+      if (all_source) {
+        for (std::int64_t c = c_first; c < c_end; ++c, ++col) {
+          found.add(std::abs(z + per_col * col - static_cast<double>(heights[c])));
+        }
+        return;
       }
+      const PostOrigin* origins = posts.row_origins(w, r);
+      for (std::int64_t c = c_first; c < c_end; ++c, ++col) {
+        if (origins[c] != PostOrigin::kSource) continue;
+        found.add(std::abs(z + per_col * col - static_cast<double>(heights[c])));
+      }
+    };
+    if (!posts.has_blocks() || !in.is_large()) {
+      for (std::int64_t r = r_first; r < r_end; ++r) add_row(r, 0, n_cols);
+      continue;
     }
+    // Blocks that lie in the triangle and cannot hold the largest error are summed in closed form.
+    const PostBlocks& blocks = posts.blocks();
+    const TriangleBlocks walk(blocks, w.field_row, w.field_col, in.u, in.v, 1e-6);
+    const auto is_inside = [&](std::int64_t r, std::int64_t c0, std::int64_t c1) {
+      const auto [west, east] = rows.cuts(static_cast<double>(r));
+      return r >= r_first && r < r_end && ceil_of(west) <= c0 && c1 < ceil_of(east);
+    };
+    const auto descend = [&](const BlockInWindow& b, const auto& self) -> void {
+      const PostBlocks::Extent& e = b.posts;
+      const PostBlock& block = blocks.block(b.level, b.i, b.j);
+      if (block.is_all(PostOrigin::kSource) && b.is_within(n_rows, n_cols) &&
+          is_inside(e.row, e.col, e.col + e.n_cols - 1) &&
+          is_inside(e.row + e.n_rows - 1, e.col, e.col + e.n_cols - 1) &&
+          scanner.plane_bound(plane, w, block, e) <= found.largest) {
+        const PostPlane own{plane.at(w.x(e.col), w.y(e.row)), per_col, plane.slope_y * w.dy};
+        found.sum += blocks.squared_distance_m2(b.level, b.i, b.j, own);
+        found.n += static_cast<std::uint64_t>(e.n_posts());
+      } else if (b.level > 0) {
+        walk.for_children(b, [&](const BlockInWindow& child) { self(child, self); });
+      } else {
+        const std::int64_t row_end = std::min(r_end, e.row + e.n_rows);
+        for (std::int64_t r = std::max(r_first, e.row); r < row_end; ++r) {
+          add_row(r, std::max<std::int64_t>(0, e.col), std::min(n_cols, e.col + e.n_cols));
+        }
+      }
+    };
+    walk.for_coarsest([&](const BlockInWindow& b) { descend(b, descend); });
   }
   // Where two edges of a sliver cut a row within a rounding of a post, both or none of its neighbours may have it.
   if (found.n != expected) found = measure_one_by_one(mesh, posts, w, scanner, n_rows, n_cols);

@@ -9,6 +9,55 @@
 namespace tind {
 namespace {
 
+// A post of a window.
+struct PostAt {
+  const PostWindow* window = nullptr;
+  std::int64_t r = 0, c = 0;
+
+  bool is_after(const PostWindow& w, std::int64_t row, std::int64_t col) const {
+    return window == &w && (row < r || (row == r && col < c));
+  }
+};
+
+// The error of a row's posts against z + per_col * column: sets `worst` to the largest above it and returns its column,
+// -1 when there is none. Of equal errors the western one counts. `origins`: null, or interpolated posts are left out.
+std::int64_t worst_in_row(const float* heights, std::int64_t c_first, std::int64_t c_last, double z, double per_col,
+                          const PostOrigin* origins, double& worst) {
+  std::int64_t found = -1, c = c_first;
+  const auto error_at = [&](std::int64_t at) {
+    return std::abs(z + per_col * static_cast<double>(at) - static_cast<double>(heights[at]));
+  };
+  if (origins == nullptr && c_last - c_first >= 7) {
+    using Four = double __attribute__((vector_size(32)));
+    using FourFloats = float __attribute__((vector_size(16)));
+    using FourBits = std::int64_t __attribute__((vector_size(32)));
+    const double first = static_cast<double>(c_first);
+    Four cols = {first, first + 1, first + 2, first + 3}, most = {0, 0, 0, 0};
+    for (; c + 3 <= c_last; c += 4, cols += 4.0) {
+      FourFloats h;
+      __builtin_memcpy(&h, heights + c, sizeof h);
+      const Four error = z + per_col * cols - __builtin_convertvector(h, Four);
+      const Four size = reinterpret_cast<Four>(reinterpret_cast<FourBits>(error) & INT64_MAX);
+      most = size > most ? size : most;
+    }
+    const double largest = std::max(std::max(most[0], most[1]), std::max(most[2], most[3]));
+    if (largest > worst) {
+      worst = largest;
+      found = c_first;
+      while (error_at(found) != largest) ++found;
+    }
+  }
+  double col = static_cast<double>(c);
+  for (; c <= c_last; ++c, ++col) {
+    const double error = std::abs(z + per_col * col - static_cast<double>(heights[c]));
+    if (error > worst && (origins == nullptr || origins[c] != PostOrigin::kInterpolated)) {
+      worst = error;
+      found = c;
+    }
+  }
+  return found;
+}
+
 double nearest_whole(double v) { return static_cast<double>(floor_of(v + 0.5)); }
 
 }  // namespace
@@ -90,50 +139,66 @@ FaceCandidate FaceScanner::scan(std::int32_t face) const {
   const FacePlane plane = plane_of(face);
   if (std::min({f.v[0], f.v[1], f.v[2]}) < n_ring_ || posts_.n_points() != 0) return scan_thoroughly(face, plane);
 
-  // First the mesh as it is. Most faces are far within the tolerance or far beyond it.
-  const Mesh::Vertex &a = mesh_.vertex(f.v[0]), &b = mesh_.vertex(f.v[1]), &c = mesh_.vertex(f.v[2]);
+  // First the mesh as it is: most faces are far within the tolerance or far beyond it.
+  const double tolerance = task_->tolerance_m, moved_m = served_distance(face, plane) + served_rounding_m_;
   const PlanTriangle plan = mesh_.plan_of(face);
-  double worst = 0;
-  std::int64_t worst_r = 0, worst_c = 0;
-  const PostWindow* worst_window = nullptr;
+  double worst = std::max(tolerance - moved_m, 0.0);
+  PostAt at;
   for (const PostWindow& w : posts_.windows()) {
     if (w.is_base_grid) {
       if (!posts_.is_covered(plan)) return scan_thoroughly(face, plane);
       continue;
     }
-    const double z_step = plane.slope_x * w.dx;
-    TilePosts::for_rows(plan, w, [&](std::int64_t r, std::int64_t c_first, std::int64_t c_last) {
-      const float* heights = posts_.row_heights(w, r);
-      const double z = plane.at(w.x(c_first), w.y(r));
-      for (std::int64_t col = c_first; col <= c_last; ++col) {
-        const double error =
-            std::abs(z + z_step * static_cast<double>(col - c_first) - static_cast<double>(heights[col]));
-        if (error > worst && (w.all_promised || posts_.row_origins(w, r)[col] != PostOrigin::kInterpolated)) {
-          worst = error;
-          worst_r = r;
-          worst_c = col;
-          worst_window = &w;
-        }
-      }
-    });
+    const double per_col = plane.slope_x * w.dx;
+    const auto row = [&](std::int64_t r, std::int64_t c_first, std::int64_t c_last) {
+      // Blocks come in any order: of equal errors the first post counts.
+      double least = at.is_after(w, r, c_last) ? std::nextafter(worst, 0.0) : worst;
+      const std::int64_t c = worst_in_row(posts_.row_heights(w, r), c_first, c_last, plane.at(w.x0, w.y(r)), per_col,
+                                          w.all_promised ? nullptr : posts_.row_origins(w, r), least);
+      if (c < 0) return;
+      worst = least;
+      at = {&w, r, c};
+    };
+    posts_.for_promising_rows(
+        plan, w, worst,
+        [&](const PostBlock& block, const PostBlocks::Extent& e) { return plane_bound(plane, w, block, e); }, row);
   }
-  if (worst_window == nullptr) return {};
-  // Quantized-mesh moves each corner by up to half a step s each way, so edges by s: the numerators N of the slopes
-  // change by at most (|bz| + |cz|) s, the doubled area A by at most (|bx| + |by| + |cx| + |cy|) s + 2 s^2. Where that
-  // leaves A / 2, slopes stay within twice (|N| + (|bz| + |cz|) s) / A, and the planes differ at a corner, so anywhere,
-  // by at most half a step times both slopes.
-  const double s = served_step_, area = mesh_.doubled_area(a, b, c);
-  const double edges = std::abs(b.x - a.x) + std::abs(b.y - a.y) + std::abs(c.x - a.x) + std::abs(c.y - a.y);
-  const double rise = (std::abs(b.z - a.z) + std::abs(c.z - a.z)) * unit_m_;
-  if (2 * (edges * s + 2 * s * s) <= area) {
-    const double moved = s * (std::abs(plane.slope_x) + std::abs(plane.slope_y) + 2 * rise * s / area);
-    if (worst + moved * 1.000001 + served_rounding_m_ <= task_->tolerance_m) return {};
-  }
-  const std::int64_t post = worst_window->first_index + worst_r * worst_window->n_cols + worst_c;
-  if (worst > task_->tolerance_m && may_become_vertex(face, worst_window->x(worst_c), worst_window->y(worst_r), post)) {
+  if (at.window == nullptr) return {};
+  const std::int64_t post = at.window->first_index + at.r * at.window->n_cols + at.c;
+  if (worst > tolerance && may_become_vertex(face, at.window->x(at.c), at.window->y(at.r), post)) {
     return {static_cast<float>(worst), post};
   }
   return scan_thoroughly(face, plane);
+}
+
+// Bound of the distance of the served plane from the face's own, in the face, where no corner is on the border.
+// Quantized-mesh moves each corner by up to half a step s each way, so edges by s: the numerators N of the slopes
+// change by at most (|bz| + |cz|) s, the doubled area A by at most (|bx| + |by| + |cx| + |cy|) s + 2 s^2. Where that
+// leaves A / 2, slopes stay within twice (|N| + (|bz| + |cz|) s) / A, and the planes differ at a corner, so anywhere
+// between them, by at most half a step times both slopes.
+double FaceScanner::served_distance(std::int32_t face, const FacePlane& plane) const {
+  const Mesh::Face& f = mesh_.face(face);
+  const Mesh::Vertex &a = mesh_.vertex(f.v[0]), &b = mesh_.vertex(f.v[1]), &c = mesh_.vertex(f.v[2]);
+  const double s = served_step_, area = mesh_.doubled_area(a, b, c);
+  const double edges = std::abs(b.x - a.x) + std::abs(b.y - a.y) + std::abs(c.x - a.x) + std::abs(c.y - a.y);
+  if (2 * (edges * s + 2 * s * s) > area) return task_->tolerance_m;
+  const double rise = (std::abs(b.z - a.z) + std::abs(c.z - a.z)) * unit_m_;
+  return 1.000001 * s * (std::abs(plane.slope_x) + std::abs(plane.slope_y) + 2 * rise * s / area);
+}
+
+// The planes' distance is extreme at the block's corners.
+double FaceScanner::plane_bound(const FacePlane& plane, const PostWindow& w, const PostBlock& block,
+                                const PostBlocks::Extent& e) const {
+  const double origin = plane.at(w.x(e.col), w.y(e.row)) - static_cast<double>(block.origin_m);
+  const double per_col = plane.slope_x * w.dx - static_cast<double>(block.per_col_m);
+  const double per_row = plane.slope_y * w.dy - static_cast<double>(block.per_row_m);
+  const double over_cols = per_col * static_cast<double>(e.n_cols - 1);
+  const double over_rows = per_row * static_cast<double>(e.n_rows - 1);
+  const double low = origin + std::min(over_cols, 0.0) + std::min(over_rows, 0.0);
+  const double high = origin + std::max(over_cols, 0.0) + std::max(over_rows, 0.0);
+  // What rounding may do to a plane's value anywhere in the tile.
+  const double rounding = 0x1p-44 * (std::abs(plane.z_a) + side_ * (std::abs(plane.slope_x) + std::abs(plane.slope_y)));
+  return std::max(high - static_cast<double>(block.low_m), static_cast<double>(block.high_m) - low) + rounding;
 }
 
 // Every post against the plane (or the guard) and the served plane.
@@ -141,52 +206,57 @@ FaceCandidate FaceScanner::scan_thoroughly(std::int32_t face, const FacePlane& p
   const PlanTriangle plan = mesh_.plan_of(face);
   const FacePlane served = served_plane_of(face, plane);
   const Guard guard = mesh_.is_at_side(face) ? guard_.of_face(mesh_, face, unit_m_) : Guard{};
+  const bool is_fan = guard.kind == Guard::Kind::kFan;
   const auto post_error = [&](double x, double y, double height_m) {
-    const double own = guard.kind == Guard::Kind::kFan ? guard_.fan_error(guard, x, y, height_m)
-                                                       : std::abs(plane.at(x, y) - height_m) + guard.extra_m;
+    const double own =
+        is_fan ? guard_.fan_error(guard, x, y, height_m) : std::abs(plane.at(x, y) - height_m) + guard.extra_m;
     return std::max(own, std::abs(served.at(x, y) - height_m) + served_rounding_m_);
   };
   double worst = task_->tolerance_m;
   std::int64_t worst_post = -1;
   const auto consider = [&](double error, double x, double y, std::int64_t post) {
+    if (error == worst && (worst_post < 0 || post > worst_post)) return;
     if (!may_become_vertex(face, x, y, post)) return;
     worst = error;
     worst_post = post;
   };
   for (const PostWindow& w : posts_.windows()) {
-    if (w.is_base_grid && (posts_.is_covered(plan) || is_near_base(face, guard))) continue;
-    TilePosts::for_rows(plan, w, [&](std::int64_t r, std::int64_t c_first, std::int64_t c_last) {
-      const double y = w.y(r);
-      const std::int64_t row_index = w.first_index + r * w.n_cols;
-      if (w.is_base_grid) {
+    if (w.is_base_grid) {
+      if (posts_.is_covered(plan) || is_near_base(face, guard)) continue;
+      TilePosts::for_rows(plan, w, [&](std::int64_t r, std::int64_t c_first, std::int64_t c_last) {
         for (std::int64_t c = c_first; c <= c_last; ++c) {
-          const double x = w.x(c), error = post_error(x, y, field_->base_height_m);
-          if (error > worst && !posts_.is_covered(x, y)) consider(error, x, y, row_index + c);
+          const double x = w.x(c), y = w.y(r), error = post_error(x, y, field_->base_height_m);
+          if (error >= worst && !posts_.is_covered(x, y)) consider(error, x, y, w.first_index + r * w.n_cols + c);
         }
-        return;
-      }
+      });
+      continue;
+    }
+    const auto row = [&](std::int64_t r, std::int64_t c_first, std::int64_t c_last) {
       const float* heights = posts_.row_heights(w, r);
       const PostOrigin* origins = posts_.row_origins(w, r);
-      if (guard.kind == Guard::Kind::kFan) {
-        for (std::int64_t c = c_first; c <= c_last; ++c) {
-          const double x = w.x(c), error = post_error(x, y, static_cast<double>(heights[c]));
-          if (error > worst && origins[c] != PostOrigin::kInterpolated) consider(error, x, y, row_index + c);
-        }
-        return;
+      const double y = w.y(r), z = plane.at(w.x0, y), per_col = plane.slope_x * w.dx;
+      const double served_z = served.at(w.x0, y), served_per_col = served.slope_x * w.dx;
+      const std::int64_t row_index = w.first_index + r * w.n_cols;
+      double col = static_cast<double>(c_first);
+      for (std::int64_t c = c_first; c <= c_last; ++c, ++col) {
+        const double height = static_cast<double>(heights[c]);
+        const double own =
+            is_fan ? guard_.fan_error(guard, w.x(c), y, height) : std::abs(z + per_col * col - height) + guard.extra_m;
+        const double error = std::max(own, std::abs(served_z + served_per_col * col - height) + served_rounding_m_);
+        if (error >= worst && origins[c] != PostOrigin::kInterpolated) consider(error, w.x(c), y, row_index + c);
       }
-      const double z = plane.at(w.x(c_first), y), z_step = plane.slope_x * w.dx;
-      const double z_served = served.at(w.x(c_first), y), served_step = served.slope_x * w.dx;
-      for (std::int64_t c = c_first; c <= c_last; ++c) {
-        const double along = static_cast<double>(c - c_first), height = static_cast<double>(heights[c]);
-        const double error = std::max(std::abs(z + z_step * along - height) + guard.extra_m,
-                                      std::abs(z_served + served_step * along - height) + served_rounding_m_);
-        if (error > worst && origins[c] != PostOrigin::kInterpolated) consider(error, w.x(c), y, row_index + c);
-      }
-    });
+    };
+    posts_.for_promising_rows(
+        plan, w, worst,
+        [&](const PostBlock& block, const PostBlocks::Extent& e) {
+          return std::max(plane_bound(plane, w, block, e) + guard.extra_m + guard.finer_m,
+                          plane_bound(served, w, block, e) + served_rounding_m_);
+        },
+        row);
   }
   posts_.for_points(plan, [&](std::uint32_t k, const TilePoint& p) {
     const double error = post_error(p.x, p.y, p.height_m);
-    if (error > worst) consider(error, p.x, p.y, posts_.index_of_point(k));
+    if (error >= worst) consider(error, p.x, p.y, posts_.index_of_point(k));
   });
   if (worst_post < 0) return {};
   return {static_cast<float>(worst), worst_post};

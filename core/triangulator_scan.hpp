@@ -40,10 +40,15 @@ class FaceScanner {
 
   FacePlane plane_of(std::int32_t face) const;
 
+  /// Bound of |plane - h| over the posts of a block that lies at `e` in a window.
+  double plane_bound(const FacePlane& plane, const PostWindow& w, const PostBlock& block,
+                     const PostBlocks::Extent& e) const;
+
  private:
   double served_height_step() const;
   FacePlane served_plane_of(std::int32_t face, const FacePlane& plane) const;
   FaceCandidate scan_thoroughly(std::int32_t face, const FacePlane& plane) const;
+  double served_distance(std::int32_t face, const FacePlane& plane) const;
   bool may_become_vertex(std::int32_t face, double x, double y, std::int64_t post) const;
   bool is_near_base(std::int32_t face, const Guard& guard) const;
 

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "core/lattice.hpp"
 
+#include <cmath>
+
 #include <gtest/gtest.h>
 
 namespace tind {
@@ -48,6 +50,15 @@ TEST(Lattice, CountsHeightsInPowersOfTwoOfAMetre) {
   EXPECT_EQ(lattice.height_from_m(0.03125), 1);  // halves away from zero
   EXPECT_EQ(lattice.height_from_m(-0.03125), -1);
   EXPECT_EQ(lattice.height_m(-7), -0.4375);
+  for (int k = 0; k <= 16; ++k) {
+    lattice.height_exponent = k;
+    EXPECT_EQ(lattice.height_unit_m(), std::ldexp(1.0, -k));
+    for (double metres = -12; metres < 12; metres += 0.0009765625 * 5) {
+      for (const double at : {std::nextafter(metres, -99.0), metres, std::nextafter(metres, 99.0)}) {
+        ASSERT_EQ(lattice.height_from_m(at), std::lround(std::ldexp(at, k))) << at << " in units of 2^-" << k;
+      }
+    }
+  }
 }
 
 TEST(Lattice, IsTheSameForAllLevels) {

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <functional>
+#include <span>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -238,6 +239,32 @@ TEST(Triangulator, MeasuresWhatBruteForceMeasures) {
                                                [](const auto& a, const auto& b) { return a.z < b.z; });
   EXPECT_EQ(stats.min_z, low->z);
   EXPECT_EQ(stats.max_z, high->z);
+}
+
+TEST(Triangulator, GivesTheSameWithAndWithoutBlocksOfPosts) {
+  const std::vector<std::pair<std::string, HeightAt>> terrains = {
+      {"rough", rough_terrain(21, 900)},
+      {"whole metres, so that errors are equal",
+       [](auto r, auto c) { return std::floor(noise(3, r / 9, c / 7) * 9) * 40; }},
+      {"one peak", [](auto r, auto c) { return r == 31 && c == 64 ? 500.0 : 0.0; }},
+      {"a slope", [](auto r, auto c) { return 7.0 * static_cast<double>(r) - 3.0 * static_cast<double>(c); }}};
+  for (const auto& [name, height] : terrains) {
+    for (const bool gaps : {false, true}) {
+      TestField f = field_over(height);
+      for (std::size_t i = 0; gaps && i < f.origins.size(); i += 1 + i % 97) f.origins[i] = PostOrigin::kFilled;
+      const TestTile plain = build_tile(f.field, spec_from(kTile.level, 60, kFiner, f.field.lattice), kTile);
+      std::vector<std::uint64_t> memory(PostBlocks::n_bytes(f.field.n_rows, f.field.n_cols) / 8 + 1);
+      const PostBlocks blocks = PostBlocks::build(f.field, std::as_writable_bytes(std::span(memory)), 1);
+      f.field.blocks = &blocks;
+      const TestTile tile = build_tile(f.field, spec_from(kTile.level, 60, kFiner, f.field.lattice), kTile);
+      EXPECT_EQ(tile.surface.interior, plain.surface.interior) << name;
+      EXPECT_EQ(tile.surface.triangles, plain.surface.triangles) << name;
+      EXPECT_EQ(tile.surface.stats.n_posts, plain.surface.stats.n_posts) << name;
+      EXPECT_EQ(tile.surface.stats.max_error_m, plain.surface.stats.max_error_m) << name;
+      EXPECT_NEAR(tile.surface.stats.rmse_m, plain.surface.stats.rmse_m, 1e-4) << name;
+      EXPECT_LE(check_posts(f.field, kTile, mesh_of(tile)).worst_m, 60) << name;
+    }
+  }
 }
 
 TEST(Triangulator, KeepsBorderAndInitialVerticesAndLocalOrder) {

@@ -1,0 +1,101 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+
+#include "core/post_blocks.hpp"
+
+namespace tind {
+
+/// A block of posts as a window of the grid sees it: its posts are columns [col, col + n_cols) and rows
+/// [row, row + n_rows) of the window, some of which may lie beyond the window's ends.
+struct BlockInWindow {
+  int level = 0;
+  std::int64_t i = 0, j = 0;  ///< PostBlocks address.
+  PostBlocks::Extent posts;
+
+  bool is_within(std::int64_t n_rows, std::int64_t n_cols) const {
+    return posts.row >= 0 && posts.col >= 0 && posts.row + posts.n_rows <= n_rows && posts.col + posts.n_cols <= n_cols;
+  }
+};
+
+/// The blocks of posts that meet a triangle, from coarse ones down. Keeps references to the blocks.
+class TriangleBlocks {
+ public:
+  /// Corners (u[i], v[i]), counter-clockwise: column and row in the window, whose post (0, 0) is post (field_row,
+  /// field_col) of the grid. Blocks that miss the triangle by less than `slack` posts count as met.
+  TriangleBlocks(const PostBlocks& blocks, std::int64_t field_row, std::int64_t field_col, const double (&u)[3],
+                 const double (&v)[3], double slack)
+      : blocks_(blocks), field_row_(field_row), field_col_(field_col), slack_(slack) {
+    west_ = std::min({u[0], u[1], u[2]}) - slack;
+    east_ = std::max({u[0], u[1], u[2]}) + slack;
+    south_ = std::min({v[0], v[1], v[2]}) - slack;
+    north_ = std::max({v[0], v[1], v[2]}) + slack;
+    for (int k = 0; k < 3; ++k) {
+      const int next = k == 2 ? 0 : k + 1;
+      edges_[k] = {v[k] - v[next], u[next] - u[k], 0};
+      edges_[k].rest = -(edges_[k].per_col * u[k] + edges_[k].per_row * v[k]);
+    }
+  }
+
+  /// Calls visit(block) for a few blocks that cover the triangle together.
+  template <class Visit>
+  void for_coarsest(Visit visit) const {
+    int level = 0;
+    while (level + 1 < blocks_.n_levels() &&
+           static_cast<double>(PostBlocks::side(level)) * 2 < std::max(east_ - west_, north_ - south_)) {
+      ++level;
+    }
+    const double side = static_cast<double>(PostBlocks::side(level));
+    const auto index = [side](double at, std::int64_t origin, std::int64_t n) {
+      return static_cast<std::int64_t>(
+          std::clamp((at + static_cast<double>(origin)) / side, 0.0, static_cast<double>(n - 1)));
+    };
+    const std::int64_t n_rows = blocks_.n_block_rows(level), n_cols = blocks_.n_block_cols(level);
+    for (std::int64_t i = index(south_, field_row_, n_rows); i <= index(north_, field_row_, n_rows); ++i) {
+      for (std::int64_t j = index(west_, field_col_, n_cols); j <= index(east_, field_col_, n_cols); ++j) {
+        visit_if_met(level, i, j, visit);
+      }
+    }
+  }
+
+  /// Calls visit(block) for the blocks that a coarser one consists of, one level down. Precondition: block.level > 0.
+  template <class Visit>
+  void for_children(const BlockInWindow& block, Visit visit) const {
+    const int level = block.level - 1;
+    for (std::int64_t i = 2 * block.i; i < std::min(2 * block.i + 2, blocks_.n_block_rows(level)); ++i) {
+      for (std::int64_t j = 2 * block.j; j < std::min(2 * block.j + 2, blocks_.n_block_cols(level)); ++j) {
+        visit_if_met(level, i, j, visit);
+      }
+    }
+  }
+
+ private:
+  struct Edge {
+    double per_col, per_row, rest;  // >= 0 on the triangle's side
+  };
+
+  template <class Visit>
+  void visit_if_met(int level, std::int64_t i, std::int64_t j, Visit& visit) const {
+    PostBlocks::Extent posts = blocks_.extent(level, i, j);
+    posts.row -= field_row_;
+    posts.col -= field_col_;
+    const double c0 = static_cast<double>(posts.col), c1 = static_cast<double>(posts.col + posts.n_cols - 1);
+    const double r0 = static_cast<double>(posts.row), r1 = static_cast<double>(posts.row + posts.n_rows - 1);
+    if (c1 < west_ || c0 > east_ || r1 < south_ || r0 > north_) return;
+    for (const Edge& e : edges_) {
+      const double most = e.per_col * (e.per_col > 0 ? c1 : c0) + e.per_row * (e.per_row > 0 ? r1 : r0) + e.rest;
+      if (most < -slack_ * (std::abs(e.per_col) + std::abs(e.per_row))) return;
+    }
+    visit(BlockInWindow{level, i, j, posts});
+  }
+
+  const PostBlocks& blocks_;
+  std::int64_t field_row_, field_col_;
+  double slack_, west_, east_, south_, north_;
+  Edge edges_[3];
+};
+
+}  // namespace tind
