@@ -95,6 +95,18 @@ struct HeightField {
   double height_at(std::int64_t r, std::int64_t c) const { return static_cast<double>(heights_m[r * n_cols + c]); }
   PostOrigin origin_at(std::int64_t r, std::int64_t c) const { return origins[r * n_cols + c]; }
 
+  /// PostBlocks::visit over the grid's posts; where there are no blocks, posts() is called for all rows of the window.
+  template <class Settle, class Posts>
+  void visit_posts(const PostBlocks::Extent& window, Settle settle, Posts posts) const {
+    if (blocks != nullptr) return blocks->visit(window, settle, posts);
+    const std::int64_t col_begin = std::max<std::int64_t>(window.col, 0);
+    const std::int64_t col_end = std::min(window.col + window.n_cols, n_cols);
+    for (std::int64_t r = std::max<std::int64_t>(window.row, 0); r < std::min(window.row + window.n_rows, n_rows);
+         ++r) {
+      if (col_begin < col_end) posts(r, col_begin, col_end);
+    }
+  }
+
   /// True iff (x, y) lies between posts (or between the last row and its pole): where this is false the height is the
   /// base.
   bool covers(double x, double y) const {

@@ -10,39 +10,84 @@ namespace {
 
 bool morton_order(const TileKey& a, const TileKey& b) { return morton_code(a.x, a.y) < morton_code(b.x, b.y); }
 
+// Columns of tiles in one row of them: ranges that grow together when there are many.
+class TileRanges {
+ public:
+  using Range = std::pair<std::int64_t, std::int64_t>;  // first and last, unwrapped
+
+  void add(const Range& range) {
+    if (!ranges_.empty() && ranges_.back() == range) return;
+    ranges_.push_back(range);
+    if (ranges_.size() >= limit_) {
+      merge();
+      limit_ = std::max(kLeast, 2 * ranges_.size());
+    }
+  }
+  // Ascending and apart.
+  const std::vector<Range>& merged() {
+    merge();
+    return ranges_;
+  }
+
+ private:
+  static constexpr std::size_t kLeast = 64;
+
+  void merge() {
+    std::sort(ranges_.begin(), ranges_.end());
+    std::size_t n = 0;
+    for (const Range& range : ranges_) {
+      if (n > 0 && range.first <= ranges_[n - 1].second + 1) {
+        ranges_[n - 1].second = std::max(ranges_[n - 1].second, range.second);
+      } else {
+        ranges_[n++] = range;
+      }
+    }
+    ranges_.resize(n);
+  }
+
+  std::vector<Range> ranges_;
+  std::size_t limit_ = kLeast;
+};
+
 // Bottom tiles that a post other than the base touches: the tile of the post and those that its four cells reach into.
 std::vector<TileKey> touched_tiles(const HeightField& field, int level) {
   const double side = static_cast<double>(field.lattice.tile_side(level));
   const std::int64_t n_x = TileKey::count_x(level), n_y = TileKey::count_y(level);
-  // Per tile row: ranges of touched columns, unwrapped. Neighbouring post rows repeat each other, so few are kept.
-  std::map<std::int64_t, std::vector<std::pair<std::int64_t, std::int64_t>>> ranges;
-  for (std::int64_t r = 0; r < field.n_rows; ++r) {
-    const auto y_first = std::max<std::int64_t>(0, std::llround(std::floor((field.post_y(r) - field.dy) / side)));
-    const auto y_last = std::min<std::int64_t>(n_y - 1, std::llround(std::floor((field.post_y(r) + field.dy) / side)));
-    const PostOrigin* row = field.origins + r * field.n_cols;
-    for (std::int64_t c = 0; c < field.n_cols; ++c) {
-      if (row[c] == PostOrigin::kBase) continue;
-      const std::int64_t c_first = c;
-      while (c + 1 < field.n_cols && row[c + 1] != PostOrigin::kBase) ++c;
-      const std::pair<std::int64_t, std::int64_t> range = {
-          std::llround(std::floor((field.post_x(c_first) - field.dx) / side)),
-          std::llround(std::floor((field.post_x(c) + field.dx) / side))};
-      for (std::int64_t y = y_first; y <= y_last; ++y) {
-        auto& list = ranges[y];
-        if (std::find(list.rbegin(), list.rend(), range) == list.rend()) list.push_back(range);
-      }
-    }
-  }
+  const auto tile_at = [side](double v) { return static_cast<std::int64_t>(std::floor(v / side)); };
+  std::map<std::int64_t, TileRanges> by_row;
+  // Posts [row, row + n_rows) x [col, col + n_cols), none of them base.
+  const auto touch = [&](const PostBlocks::Extent& e) {
+    const auto y_first = std::max<std::int64_t>(0, tile_at(field.post_y(e.row) - field.dy));
+    const auto y_last = std::min<std::int64_t>(n_y - 1, tile_at(field.post_y(e.row + e.n_rows - 1) + field.dy));
+    const TileRanges::Range range = {tile_at(field.post_x(e.col) - field.dx),
+                                     tile_at(field.post_x(e.col + e.n_cols - 1) + field.dx)};
+    for (std::int64_t y = y_first; y <= y_last; ++y) by_row[y].add(range);
+  };
+  field.visit_posts(
+      {0, 0, field.n_rows, field.n_cols},
+      [&](int blocks_level, std::int64_t i, std::int64_t j, bool) {
+        const PostBlock& block = field.blocks->block(blocks_level, i, j);
+        if (block.is_all(PostOrigin::kBase)) return true;
+        if (block.has(PostOrigin::kBase)) return false;
+        touch(field.blocks->extent(blocks_level, i, j));
+        return true;
+      },
+      [&](std::int64_t r, std::int64_t begin, std::int64_t end) {
+        const PostOrigin* row = field.origins + r * field.n_cols;
+        for (std::int64_t c = begin; c < end; ++c) {
+          if (row[c] == PostOrigin::kBase) continue;
+          const std::int64_t first = c;
+          while (c + 1 < end && row[c + 1] != PostOrigin::kBase) ++c;
+          touch({r, first, 1, c - first + 1});
+        }
+      });
   std::vector<TileKey> tiles;
-  for (auto& [y, list] : ranges) {
-    std::sort(list.begin(), list.end());
-    std::int64_t next = list.front().first;
-    for (const auto& [first, last] : list) {
-      for (std::int64_t x = std::max(first, next); x <= last; ++x) {
+  for (auto& [y, ranges] : by_row) {
+    for (const auto& [first, last] : ranges.merged()) {
+      for (std::int64_t x = first; x <= last; ++x) {
         tiles.push_back({static_cast<std::uint8_t>(level), static_cast<std::uint32_t>(((x % n_x) + n_x) % n_x),
                          static_cast<std::uint32_t>(y)});
       }
-      next = std::max(next, last + 1);
     }
   }
   std::sort(tiles.begin(), tiles.end(), morton_order);

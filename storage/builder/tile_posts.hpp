@@ -12,9 +12,9 @@
 
 namespace tind {
 
-/// Calls visit(row, column) for the grid posts of all cells that meet the tile.
+/// Calls visit(window) for the windows of grid posts of all cells that meet the tile; they may reach beyond the grid.
 template <class Visit>
-void for_posts_around(const HeightField& field, const TileKey& tile, Visit visit) {
+void for_windows_around(const HeightField& field, const TileKey& tile, Visit visit) {
   const double side = static_cast<double>(field.lattice.tile_side(tile.level));
   const double width = static_cast<double>(field.lattice.width());
   const auto r_first = static_cast<std::int64_t>(std::floor((side * tile.y - field.y0) / field.dy));
@@ -22,12 +22,20 @@ void for_posts_around(const HeightField& field, const TileKey& tile, Visit visit
   for (const double turn : {-width, 0.0, width}) {
     const auto c_first = static_cast<std::int64_t>(std::floor((side * tile.x - field.x0 - turn) / field.dx));
     const auto c_last = static_cast<std::int64_t>(std::ceil((side * (tile.x + 1.0) - field.x0 - turn) / field.dx));
-    for (std::int64_t r = std::max<std::int64_t>(r_first, 0); r <= std::min(r_last, field.n_rows - 1); ++r) {
-      for (std::int64_t c = std::max<std::int64_t>(c_first, 0); c <= std::min(c_last, field.n_cols - 1); ++c) {
+    visit(PostBlocks::Extent{r_first, c_first, r_last - r_first + 1, c_last - c_first + 1});
+  }
+}
+
+/// Calls visit(row, column) for the grid posts of all cells that meet the tile.
+template <class Visit>
+void for_posts_around(const HeightField& field, const TileKey& tile, Visit visit) {
+  for_windows_around(field, tile, [&](const PostBlocks::Extent& w) {
+    for (std::int64_t r = std::max<std::int64_t>(w.row, 0); r < std::min(w.row + w.n_rows, field.n_rows); ++r) {
+      for (std::int64_t c = std::max<std::int64_t>(w.col, 0); c < std::min(w.col + w.n_cols, field.n_cols); ++c) {
         visit(r, c);
       }
     }
-  }
+  });
 }
 
 /// True iff the post has its height from the source: its own post, or between irregular ones.

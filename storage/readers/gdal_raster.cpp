@@ -24,6 +24,9 @@ constexpr std::int64_t kBlockRows = 64, kBlockCols = 256;
 /// Zeros beside voids are suspicious where everything else is higher than this.
 constexpr float kStrayAboveM = 10;
 constexpr std::int64_t kSuspicionValues = std::int64_t{1} << 22;
+/// Of GDAL's cache of blocks, which would take a twentieth of the machine's memory: a row of large blocks of a wide
+/// file.
+constexpr GIntBig kCacheBytes = GIntBig{64} << 20;
 
 /// Rows and columns of the used posts of a source.
 struct PostWindow {
@@ -137,6 +140,7 @@ Result<void> RasterMosaic::Impl::settle_heights(RasterMosaic& m, const RasterOpt
 Result<RasterMosaic> RasterMosaic::open(const std::vector<std::string>& paths, const RasterOptions& options) {
   if (paths.empty()) return fail(ErrorKind::kInvalidInput, "no input raster given");
   GDALAllRegister();
+  if (CPLGetConfigOption("GDAL_CACHEMAX", nullptr) == nullptr) GDALSetCacheMax64(kCacheBytes);
   auto impl = std::make_unique<Impl>();
   impl->resampling = options.resampling;
   if (!options.vertical_datum.empty() || !options.geoid.empty()) {

@@ -16,8 +16,11 @@ namespace tind {
 Result<ScratchMap> ScratchMap::create(const std::string& folder, std::uint64_t n_bytes) {
   const std::string where = folder.empty() ? "." : folder;
   const auto refuse = [&](int error) {
-    return fail(ErrorKind::kIo, fmt::format("{}: cannot make a scratch file of {} MB for the posts: {}", where,
-                                            (n_bytes >> 20) + 1, std::strerror(error)));
+    const char* hint = error == ENOSPC || error == EFBIG || error == EDQUOT
+                           ? "; free some space there, or write the output to another disk"
+                           : "";
+    return fail(ErrorKind::kIo, fmt::format("{}: cannot make a scratch file of {} MB for the posts: {}{}", where,
+                                            (n_bytes >> 20) + 1, std::strerror(error), hint));
   };
   if (n_bytes > static_cast<std::uint64_t>(std::numeric_limits<off_t>::max())) return refuse(EFBIG);
   std::string name = where + "/.tind-scratch-XXXXXX";

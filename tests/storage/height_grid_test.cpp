@@ -3,6 +3,7 @@
 #include "storage/readers/height_grid.hpp"
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <cstring>
 #include <filesystem>
@@ -148,6 +149,37 @@ TEST_F(HeightGridTest, BlocksAreThoseOfTheFinishedPosts) {
   heights[100] += 1;
   stale.heights_m = heights.data();
   EXPECT_FALSE(has_own_blocks(stale));
+}
+
+TEST_F(HeightGridTest, LoadingStopsWhenItIsToldTo) {
+  const auto path = write_grid("a.asc", 10, 45, 0.01, 40, 50, [](int r, int c) { return number(r * c); });
+  auto mosaic = RasterMosaic::open({path}, {});
+  ASSERT_TRUE(mosaic) << mosaic.error().message;
+  std::atomic<bool> cancel{false};
+  HeightGridOptions options;
+  options.scratch_dir = folder_.string();
+  options.cancel = &cancel;
+  EXPECT_TRUE(HeightGrid::load(*mosaic, Lattice{}, options, {}));
+  // From the start, and from within.
+  for (const bool at_once : {true, false}) {
+    cancel = at_once;
+    const auto grid = HeightGrid::load(*mosaic, Lattice{}, options, [&](double) { cancel = true; });
+    ASSERT_FALSE(grid);
+    EXPECT_EQ(grid.error().kind, ErrorKind::kInterrupted);
+    EXPECT_EQ(grid.error().message, "interrupted");
+  }
+}
+
+TEST_F(HeightGridTest, PostsThatNoDiskHoldsAreRefused) {
+  // A global raster of 10^13 posts, as a text file.
+  const auto grid_path = write_grid("a.asc", 0.5, -89.5, 1, 180, 360, [](int r, int c) { return number(r + c); });
+  const auto path =
+      write("planet.vrt", fmt::format(R"(<VRTDataset rasterXSize="3600000" rasterYSize="1800000"><SRS>EPSG:4326</SRS>
+<GeoTransform>0,0.0001,0,90,0,-0.0001</GeoTransform><VRTRasterBand dataType="Float32" band="1"><SimpleSource>
+<SourceFilename>{}</SourceFilename><SourceBand>1</SourceBand><SrcRect xOff="0" yOff="0" xSize="360" ySize="180"/>
+<DstRect xOff="0" yOff="0" xSize="3600000" ySize="1800000"/></SimpleSource></VRTRasterBand></VRTDataset>)",
+                                      grid_path));
+  EXPECT_THAT(message({path}), AllOf(HasSubstr("scratch file of 3"), HasSubstr("write the output to another disk")));
 }
 
 TEST_F(HeightGridTest, FalloffReachesTheBaseAtItsDistanceWithoutACliff) {

@@ -3,6 +3,7 @@
 #include "storage/readers/point_grid.hpp"
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <cstring>
 #include <filesystem>
@@ -107,6 +108,27 @@ void expect_same(const HeightField& a, const HeightField& b) {
 }
 
 std::uint64_t n_points(const HeightField& f) { return f.points.first[f.points.n_rows * f.points.n_cols]; }
+
+TEST_F(PointGridTest, LoadingStopsWhenItIsToldTo) {
+  std::atomic<bool> cancel{false};
+  const auto path = write("a.las", scattered(1, hills));
+  auto source = PointSource::open({path}, {});
+  ASSERT_TRUE(source) << source.error().message;
+  PointGridOptions options;
+  options.scratch_dir = folder_.string();
+  options.cancel = &cancel;
+  // At every stage that reports its progress.
+  int n_calls = 0;
+  EXPECT_TRUE(PointGrid::load(*source, test_lattice(), options, [&](double) { ++n_calls; }));
+  ASSERT_GT(n_calls, 2);
+  for (int stop_at = 0; stop_at < n_calls - 1; ++stop_at) {
+    cancel = stop_at == 0;
+    int n = 0;
+    const auto grid = PointGrid::load(*source, test_lattice(), options, [&](double) { cancel = ++n >= stop_at; });
+    ASSERT_FALSE(grid) << stop_at;
+    EXPECT_EQ(grid.error().kind, ErrorKind::kInterrupted);
+  }
+}
 
 TEST_F(PointGridTest, PlaneIsRecoveredAtEveryPostAmongThePoints) {
   const auto plane = [](double lon, double lat) { return 300 + (lon - 9) * 20000 - (lat - 47) * 15000; };
