@@ -1,67 +1,136 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Plain greedy triangulation of all posts of a DEM in ONE mesh (Garland & Heckbert 1995): no tiles, borders, seeds,
-// nesting or guard. What a pyramid's level costs more than this is the price of seams and levels.
-//   bench_greedy_baseline DEM TOLERANCE_M...         prints the vertices for each tolerance
+// The reference: plain greedy triangulation of all posts of a DEM in ONE mesh with CGAL (Garland & Heckbert 1995): no
+// tiles, borders, seeds, nesting or guard. What a pyramid's level costs more than this is the price of seams and
+// levels. It is to be as fast as plain CGAL allows; what was tried is in docs/performance.md.
+//   bench_greedy_baseline DEM TOLERANCE_M...         prints vertices and processor seconds, a JSON object a line
 //   bench_greedy_baseline DEM --report REPORT.json   adds the overhead to each level of a report of tind-build and
 //   prints it
 
 #include <CGAL/Delaunay_triangulation_2.h>
-#include <CGAL/Exact_predicates_inexact_constructions_kernel.h>
+#include <CGAL/Simple_cartesian.h>
 #include <CGAL/Triangulation_face_base_with_info_2.h>
 #include <CGAL/Triangulation_vertex_base_with_info_2.h>
 #include <fmt/format.h>
+#include <sys/resource.h>
 
 #include <algorithm>
+#include <array>
+#include <bit>
 #include <cmath>
+#include <cstdint>
 #include <cstdlib>
+#include <cstring>
 #include <fstream>
 #include <nlohmann/json.hpp>
-#include <queue>
 #include <string>
 #include <string_view>
-#include <tuple>
+#include <utility>
 #include <vector>
 
 #include "storage/readers/gdal_raster.hpp"
-#include "storage/readers/height_grid.hpp"
 
 namespace {
 
-using Kernel = CGAL::Exact_predicates_inexact_constructions_kernel;
-using VertexBase = CGAL::Triangulation_vertex_base_with_info_2<double, Kernel>;  // height
-using FaceBase = CGAL::Triangulation_face_base_with_info_2<unsigned, Kernel>;    // stamp
-using Mesh = CGAL::Delaunay_triangulation_2<Kernel, CGAL::Triangulation_data_structure_2<VertexBase, FaceBase>>;
+/// Heights in metres, n_rows x n_cols row-major; NaN is a void.
+struct Posts {
+  std::vector<float> heights_m;
+  long n_rows = 0, n_cols = 0;
+};
 
+// Positions are whole numbers below 2^15, so doubles and the test below decide exactly what CGAL's exact kernel
+// decides, at less cost. Points on one circle keep the diagonal that they have: CGAL's symbolic perturbation prefers
+// one direction on a grid, which makes 4 % more vertices, and takes time.
+constexpr long kMostPostsPerSide = 1 << 15;
+
+struct GridKernel : CGAL::Simple_cartesian<double> {
+  struct Side_of_oriented_circle_2 {
+    using result_type = CGAL::Oriented_side;
+    CGAL::Oriented_side operator()(const Point_2& a, const Point_2& b, const Point_2& c, const Point_2& d) const {
+      const double ax = a.x() - d.x(), ay = a.y() - d.y(), bx = b.x() - d.x(), by = b.y() - d.y(), cx = c.x() - d.x(),
+                   cy = c.y() - d.y();
+      const double a2 = ax * ax + ay * ay, b2 = bx * bx + by * by, c2 = cx * cx + cy * cy;
+      const double det = a2 * (bx * cy - by * cx) + b2 * (cx * ay - cy * ax) + c2 * (ax * by - ay * bx);
+      // No rounding where the points are close to each other; 2^13 is more than all rounding below 2^62.
+      if (a2 + b2 + c2 < 0x1p25 || std::abs(det) > 0x1p13) {
+        return det > 0 ? CGAL::ON_POSITIVE_SIDE : CGAL::ON_NEGATIVE_SIDE;
+      }
+      return exact_determinant({ax, ay, bx, by, cx, cy}) > 0 ? CGAL::ON_POSITIVE_SIDE : CGAL::ON_NEGATIVE_SIDE;
+    }
+
+   private:
+    // Of a determinant that is known to be small: modulo 2^64 it stays what it is.
+    static std::int64_t exact_determinant(const std::array<double, 6>& v) {
+      std::array<std::uint64_t, 6> n;
+      for (std::size_t k = 0; k < 6; ++k) n[k] = static_cast<std::uint64_t>(static_cast<std::int64_t>(v[k]));
+      const auto [ax, ay, bx, by, cx, cy] = n;
+      return static_cast<std::int64_t>((ax * ax + ay * ay) * (bx * cy - by * cx) +
+                                       (bx * bx + by * by) * (cx * ay - cy * ax) +
+                                       (cx * cx + cy * cy) * (ax * by - ay * bx));
+    }
+  };
+  Side_of_oriented_circle_2 side_of_oriented_circle_2_object() const { return {}; }
+};
+
+using VertexBase = CGAL::Triangulation_vertex_base_with_info_2<float, GridKernel>;      // height
+using FaceBase = CGAL::Triangulation_face_base_with_info_2<std::uint64_t, GridKernel>;  // key of its candidate
+using Mesh = CGAL::Delaunay_triangulation_2<GridKernel, CGAL::Triangulation_data_structure_2<VertexBase, FaceBase>>;
+
+/// The worst post of a face. `key`: the bits of its error (f32, positive, so they order as it does), then the inverted
+/// index of the post. An entry is out of date when its face has another key by now.
 struct Candidate {
-  double error;
-  long row, column;
-  unsigned stamp;
+  std::uint64_t key;
   Mesh::Face_handle face;
-  bool operator<(const Candidate& other) const {
-    return std::tuple(error, -row, -column) < std::tuple(other.error, -other.row, -other.column);
+};
+
+/// Candidates by error, in buckets 1/2048 of an octave wide, the last pushed first within one: one cache line an entry
+/// where a heap of a million takes twenty.
+class BucketQueue {
+ public:
+  bool empty() const { return size_ == 0; }
+  void push(const Candidate& candidate) {
+    const std::size_t bucket = candidate.key >> kShift;
+    buckets_[bucket].push_back(candidate);
+    top_ = std::max(top_, bucket);
+    ++size_;
   }
+  Candidate pop() {
+    while (buckets_[top_].empty()) --top_;
+    const Candidate best = buckets_[top_].back();
+    buckets_[top_].pop_back();
+    --size_;
+    return best;
+  }
+
+ private:
+  static constexpr int kShift = 32 + 23 - 11;
+  std::vector<std::vector<Candidate>> buckets_ = std::vector<std::vector<Candidate>>(std::size_t{1} << (63 - kShift));
+  std::size_t top_ = 0, size_ = 0;
+};
+
+using Floats = float __attribute__((vector_size(16)));
+using Ints = std::int32_t __attribute__((vector_size(16)));
+
+// Positions in posts.
+struct Corner {
+  int x, y;
+  float z;
 };
 
 class Greedy {
  public:
-  Greedy(const tind::HeightField& field, double tolerance) : field_(field), tolerance_(tolerance) {
-    // The source's own posts: the grid less its rim of falloff.
-    while (field_.origin_at(field_.n_rows / 2, first_column_) != tind::PostOrigin::kSource) ++first_column_;
-    while (field_.origin_at(first_row_, field_.n_cols / 2) != tind::PostOrigin::kSource) ++first_row_;
-    last_column_ = field_.n_cols - 1 - first_column_;
-    last_row_ = field_.n_rows - 1 - first_row_;
-  }
+  Greedy(const Posts& posts, double tolerance_m) : posts_(posts), tolerance_m_(static_cast<float>(tolerance_m)) {}
 
   std::size_t run() {
-    for (const long r : {first_row_, last_row_}) {
-      for (const long c : {first_column_, last_column_}) insert(r, c, {});
+    for (const long r : {0L, posts_.n_rows - 1}) {
+      for (const long c : {0L, posts_.n_cols - 1}) set_height(mesh_.insert(point(r, c)), r, c);
     }
-    for (auto f : mesh_.finite_face_handles()) scan(f);
-    while (!heap_.empty()) {
-      const Candidate best = heap_.top();
-      heap_.pop();
-      if (best.stamp != best.face->info()) continue;
-      const auto v = insert(best.row, best.column, best.face);
+    for (const auto f : mesh_.finite_face_handles()) scan(f);
+    while (!queue_.empty()) {
+      const Candidate best = queue_.pop();
+      if (best.face->info() != best.key) continue;
+      const std::uint32_t index = ~static_cast<std::uint32_t>(best.key);
+      const auto v = insert(index / static_cast<std::uint32_t>(posts_.n_cols),
+                            index % static_cast<std::uint32_t>(posts_.n_cols), best.face);
       auto f = mesh_.incident_faces(v);
       const auto end = f;
       do {
@@ -72,63 +141,114 @@ class Greedy {
   }
 
  private:
-  Mesh::Vertex_handle insert(long r, long c, Mesh::Face_handle hint) {
-    const auto v = mesh_.insert(Kernel::Point_2(static_cast<double>(c), static_cast<double>(r)), hint);
-    v->info() = field_.height_at(r, c);
+  static GridKernel::Point_2 point(long r, long c) { return {static_cast<double>(c), static_cast<double>(r)}; }
+
+  void set_height(Mesh::Vertex_handle v, long r, long c) const {
+    const float z = posts_.heights_m[static_cast<std::size_t>(r * posts_.n_cols + c)];
+    v->info() = z == z ? z : 0.0f;
+  }
+
+  // The post lies in the face or on one of its edges: told here, so that CGAL need not look for it.
+  Mesh::Vertex_handle insert(long r, long c, Mesh::Face_handle face) {
+    std::array<double, 3> x, y;
+    for (int k = 0; k < 3; ++k) {
+      x[k] = face->vertex(k)->point().x() - static_cast<double>(c);
+      y[k] = face->vertex(k)->point().y() - static_cast<double>(r);
+    }
+    int edge = -1;
+    for (int k = 0; k < 3; ++k) {
+      const int a = Mesh::ccw(k), b = Mesh::cw(k);
+      if (x[a] * y[b] == x[b] * y[a]) edge = k;
+    }
+    const auto v = mesh_.insert(point(r, c), edge < 0 ? Mesh::FACE : Mesh::EDGE, face, edge);
+    set_height(v, r, c);
     return v;
   }
 
   void scan(Mesh::Face_handle f) {
-    const unsigned stamp = ++f->info();
-    const auto &a = f->vertex(0)->point(), &b = f->vertex(1)->point(), &c = f->vertex(2)->point();
-    const double za = f->vertex(0)->info(), bz = f->vertex(1)->info() - za, cz = f->vertex(2)->info() - za;
-    const double bx = b.x() - a.x(), by = b.y() - a.y(), cx = c.x() - a.x(), cy = c.y() - a.y();
-    const double area = bx * cy - by * cx, sx = (bz * cy - cz * by) / area, sy = (cz * bx - bz * cx) / area;
-    const auto [y_low, y_high] = std::minmax({a.y(), b.y(), c.y()});
-    Candidate best{tolerance_, 0, 0, stamp, f};
-    for (long r = static_cast<long>(y_low); r <= static_cast<long>(y_high); ++r) {
-      double left = INFINITY, right = -INFINITY;
-      const auto cut = [&](const Kernel::Point_2& p, const Kernel::Point_2& q) {
-        const double y = static_cast<double>(r);
-        if (std::min(p.y(), q.y()) > y || std::max(p.y(), q.y()) < y) return;
-        for (const double x : {p.y() == q.y() ? p.x() : p.x() + (q.x() - p.x()) * (y - p.y()) / (q.y() - p.y()),
-                               p.y() == q.y() ? q.x() : p.x() + (q.x() - p.x()) * (y - p.y()) / (q.y() - p.y())}) {
-          left = std::min(left, x);
-          right = std::max(right, x);
+    f->info() = 0;
+    std::array<Corner, 3> v;
+    for (int k = 0; k < 3; ++k) {
+      const auto& p = f->vertex(k)->point();
+      v[k] = {static_cast<int>(p.x()), static_cast<int>(p.y()), f->vertex(k)->info()};
+    }
+    const Corner o = v[0];
+    const double bx = v[1].x - o.x, by = v[1].y - o.y, cx = v[2].x - o.x, cy = v[2].y - o.y;
+    const double twice_area = bx * cy - by * cx;
+    if (twice_area == 1) return;  // no posts but the corners (Pick's theorem)
+    const double bz = v[1].z - o.z, cz = v[2].z - o.z;
+    const auto slope_x = static_cast<float>((bz * cy - cz * by) / twice_area);
+    const auto slope_y = static_cast<float>((cz * bx - bz * cx) / twice_area);
+    if (v[0].y > v[1].y) std::swap(v[0], v[1]);
+    if (v[1].y > v[2].y) std::swap(v[1], v[2]);
+    if (v[0].y > v[1].y) std::swap(v[0], v[1]);
+    const auto steps = [](const Corner& p, const Corner& q) {
+      return q.y > p.y ? static_cast<double>(q.x - p.x) / (q.y - p.y) : 0.0;
+    };
+    const double long_side = steps(v[0], v[2]), lower = steps(v[0], v[1]), upper = steps(v[1], v[2]);
+    float worst = tolerance_m_;
+    std::uint32_t at = 0;
+    for (int r = v[0].y; r <= v[2].y; ++r) {
+      double left = v[0].x + long_side * (r - v[0].y);
+      double right = r < v[1].y ? v[0].x + lower * (r - v[0].y) : v[1].x + upper * (r - v[1].y);
+      if (left > right) std::swap(left, right);
+      // Posts on an edge count for both faces. A post off an edge is 2^-15 or more away.
+      left -= 1e-6;
+      const int floor = static_cast<int>(left), first = floor + (floor < left), last = static_cast<int>(right + 1e-6);
+      const std::int64_t row = std::int64_t{r} * posts_.n_cols;
+      const float* heights = posts_.heights_m.data() + row;
+      const float z = o.z + slope_y * static_cast<float>(r - o.y);
+      const auto error = [&](int c) { return std::abs(z + slope_x * static_cast<float>(c - o.x) - heights[c]); };
+      int c = first;
+      if (last - first >= 7) {  // four at a time; which one it was only where there is a worse one
+        Floats most = {0, 0, 0, 0};
+        for (; c + 3 <= last; c += 4) {
+          Floats h;
+          std::memcpy(&h, heights + c, sizeof h);
+          const Floats off = z + slope_x * (static_cast<float>(c - o.x) + Floats{0, 1, 2, 3}) - h;
+          const Floats size = std::bit_cast<Floats>(std::bit_cast<Ints>(off) & 0x7fffffff);
+          most = size > most ? size : most;
         }
-      };
-      cut(a, b);
-      cut(b, c);
-      cut(c, a);
-      for (long k = static_cast<long>(std::ceil(left - 1e-9)); k <= static_cast<long>(std::floor(right + 1e-9)); ++k) {
-        const double z = za + sx * (static_cast<double>(k) - a.x()) + sy * (static_cast<double>(r) - a.y());
-        const double error = std::abs(z - field_.height_at(r, k));
-        if (error > best.error) {
-          best.error = error;
-          best.row = r;
-          best.column = k;
+        if (std::max(std::max(most[0], most[1]), std::max(most[2], most[3])) > worst) c = first;
+      }
+      for (; c <= last; ++c) {
+        const float e = error(c);
+        if (e > worst) {
+          worst = e;
+          at = static_cast<std::uint32_t>(row + c);
         }
       }
     }
-    if (best.error > tolerance_) heap_.push(best);
+    if (worst <= tolerance_m_) return;
+    f->info() = std::uint64_t{std::bit_cast<std::uint32_t>(worst)} << 32 | ~at;
+    queue_.push({f->info(), f});
   }
 
-  const tind::HeightField& field_;
-  const double tolerance_;
-  long first_column_ = 0, first_row_ = 0, last_column_ = 0, last_row_ = 0;
+  const Posts& posts_;
+  const float tolerance_m_;
   Mesh mesh_;
-  std::priority_queue<Candidate> heap_;
+  BucketQueue queue_;
 };
+
+/// Processor seconds of this process so far, user and system.
+double processor_s() {
+  rusage usage{};
+  getrusage(RUSAGE_SELF, &usage);
+  const auto seconds = [](const timeval& t) {
+    return static_cast<double>(t.tv_sec) + 1e-6 * static_cast<double>(t.tv_usec);
+  };
+  return seconds(usage.ru_utime) + seconds(usage.ru_stime);
+}
 
 // Levels whose plain mesh is smaller than this say nothing: there seeds and corners are all there is.
 constexpr std::size_t kFewVertices = 200;
 
-int add_to_report(const tind::HeightField& field, const std::string& path) {
+int add_to_report(const Posts& posts, const std::string& path) {
   nlohmann::json report = nlohmann::json::parse(std::ifstream(path));
   fmt::print("{:>5} {:>10} {:>10} {:>10} {:>9} {:>7} {:>8} {:>10} {:>12}\n", "level", "E_L m", "plain", "tind",
              "outside", "seeds", "border", "overhead %", "apart from *");
   for (auto& level : report["levels"]) {
-    const auto plain = Greedy(field, level["tolerance_m"]).run();
+    const auto plain = Greedy(posts, level["tolerance_m"]).run();
     const auto count = [&](const char* name) { return level[name].get<double>(); };
     const double vertices = count("vertices") - count("vertices_outside");
     const double border = count("vertices_border") + count("vertices_corner");
@@ -152,6 +272,23 @@ int add_to_report(const tind::HeightField& field, const std::string& path) {
   return 0;
 }
 
+tind::Result<Posts> read_posts(const std::string& path) {
+  const auto mosaic = tind::RasterMosaic::open({path}, {});
+  if (!mosaic) return tl::unexpected(mosaic.error());
+  const tind::RasterSource& source = mosaic->sources.at(0);
+  Posts posts;
+  posts.n_rows = source.n_used_rows;
+  posts.n_cols = source.n_used_cols;
+  if (posts.n_rows > kMostPostsPerSide || posts.n_cols > kMostPostsPerSide) {
+    return tind::fail(tind::ErrorKind::kUnsupported, path + ": more than 32768 posts a side; cut it");
+  }
+  std::uint64_t n_implausible = 0;
+  if (auto read = mosaic->read_rows(0, 0, source.n_used_rows, posts.heights_m, n_implausible); !read) {
+    return tl::unexpected(read.error());
+  }
+  return posts;
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -159,23 +296,19 @@ int main(int argc, char** argv) {
     fmt::print(stderr, "usage: bench_greedy_baseline DEM TOLERANCE_M... | DEM --report REPORT.json\n");
     return 2;
   }
-  const auto mosaic = tind::RasterMosaic::open({argv[1]}, {});
-  if (!mosaic) {
-    fmt::print(stderr, "bench_greedy_baseline: {}\n", mosaic.error().message);
+  const auto posts = read_posts(argv[1]);
+  if (!posts) {
+    fmt::print(stderr, "bench_greedy_baseline: {}\n", posts.error().message);
     return 1;
   }
-  tind::Lattice lattice;
-  lattice.level = 12;
-  tind::HeightGridOptions options;
-  options.scratch_dir = ".";
-  const auto grid = tind::HeightGrid::load(*mosaic, lattice, options, [](double) {});
-  if (!grid) {
-    fmt::print(stderr, "bench_greedy_baseline: {}\n", grid.error().message);
-    return 1;
-  }
-  if (std::string_view(argv[2]) == "--report" && argc == 4) return add_to_report(grid->field(), argv[3]);
+  if (std::string_view(argv[2]) == "--report" && argc == 4) return add_to_report(*posts, argv[3]);
+  const double reading_s = processor_s();
   for (int i = 2; i < argc; ++i) {
-    const double tolerance = std::atof(argv[i]);
-    fmt::print("{} {}\n", tolerance, Greedy(grid->field(), tolerance).run());
+    const double start_s = processor_s(), tolerance_m = std::atof(argv[i]);
+    const std::size_t n_vertices = Greedy(*posts, tolerance_m).run();
+    fmt::print(
+        "{{\"tolerance_m\": {}, \"posts\": {}, \"vertices\": {}, \"meshing_cpu_s\": {:.2f}, \"reading_cpu_s\": "
+        "{:.2f}}}\n",
+        tolerance_m, posts->n_rows * posts->n_cols, n_vertices, processor_s() - start_s, reading_s);
   }
 }
