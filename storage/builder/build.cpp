@@ -147,7 +147,9 @@ Result<BuildReport> build_pyramid(const BuildOptions& options, Progress& progres
 
   const auto line_start = std::chrono::steady_clock::now();
   if (options.lines.drainage) progress.update(kReadShare, "drainage");
-  const auto lines = make_surface_lines(source->field(), *table, options.lines, scratch_dir, report.threads);
+  const auto lines =
+      make_surface_lines(source->field(), *table, options.lines, scratch_dir, report.threads, options.cancel,
+                         [&](double fraction) { progress.update(kReadShare + kLineShare * fraction, "drainage"); });
   if (!lines) return tl::unexpected(lines.error());
   for (const std::string& note : lines->notes) progress.note(note);
   report.drainage = lines->drainage;
