@@ -2,6 +2,7 @@
 #include "storage/builder/forecast.hpp"
 
 #include <time.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <bit>
@@ -30,7 +31,7 @@ using Clock = std::chrono::steady_clock;
 // Regions of this many posts are built: large enough for three levels, small enough for several.
 constexpr double kRegionPosts = 1.1e6;
 constexpr int kLevelsBelow = 2;
-constexpr std::size_t kMostRegions = 12, kLeastRegions = 4;
+constexpr std::size_t kMostRegions = 16, kLeastRegions = 4;
 constexpr double kRegionSeconds = 6;
 // Places looked at to find where the data is rough, and where it is not at all.
 constexpr std::size_t kMostProbes = 400, kLeastProbes = 16;
@@ -38,7 +39,7 @@ constexpr double kProbeSeconds = 3;
 constexpr std::int64_t kProbePosts = 24;
 // Vertices fall by this much per coarser level where the sample does not tell.
 constexpr double kLeastFall = 2, kMostFall = 4, kMostGrowth = 1.12;
-constexpr double kFillerBytes = 160;
+constexpr double kFillerBytes = 160, kMostBytesPerVertex = 7;
 constexpr double kMostTileKeys = 4e6;
 // Measured on whole builds (tind-build-plan(1)): what the sample does not see of the work on tiles and lines, seconds
 // of reading a post, the share of the work that more threads do not share.
@@ -77,8 +78,11 @@ class Forecaster {
     lattice_.level = table.lattice_level;
     lattice_.height_exponent = table.height_exponent;
     const auto folder = std::filesystem::path(options.output).parent_path();
-    scratch_dir_ = options.output.empty() ? std::filesystem::temp_directory_path().string()
-                                          : (folder.empty() ? "." : folder.string());
+    // A folder that is not there is a problem to tell, not the end.
+    scratch_dir_ = folder.empty() ? "." : folder.string();
+    if (options.output.empty() || ::access(scratch_dir_.c_str(), W_OK | X_OK) != 0) {
+      scratch_dir_ = std::filesystem::temp_directory_path().string();
+    }
     const double posts_per_level0 = 180.0 / source.lon_spacing_deg() * (180.0 / source.lat_spacing_deg());
     region_level_ = table.bottom_level();
     while (region_level_ > 0 && region_level_ > table.bottom_level() - kLevelsBelow &&
@@ -453,8 +457,8 @@ class Forecaster {
           seed_segments(static_cast<int>(level), table_.levels[level].tolerance_m, lattice_.ellipsoid.semi_major_m);
       fall = std::clamp(fall * growth, kLeastFall, kMostFall);
       cost.vertices = std::max(finer.vertices / fall, cost.tiles * seeds * seeds);
-      const double bytes_each = finer.vertices > 0 ? finer.bytes / finer.vertices : 10;
-      cost.bytes = std::max(cost.vertices * bytes_each, cost.tiles * kFillerBytes);
+      const double bytes_each = finer.vertices > 0 ? finer.bytes / finer.vertices : kMostBytesPerVertex;
+      cost.bytes = std::max(cost.vertices * std::min(bytes_each, kMostBytesPerVertex), cost.tiles * kFillerBytes);
       cost.seconds = fixed + per_vertex * cost.vertices;
     }
   }

@@ -25,6 +25,9 @@ constexpr double kPairBytes = 26;
 // Pages are filled in key order and so nearly full; large values end in a page of their own.
 constexpr double kPageBytes = 4096, kLargeValueBytes = 2030;
 
+// Of a tile without data: a small body, and its part of corners and edges.
+constexpr double kFillerTileBytes = 160;
+
 double stored_bytes(std::size_t value) {
   const double bytes = static_cast<double>(value);
   return kPairBytes + (bytes > kLargeValueBytes ? std::ceil((bytes + 16) / kPageBytes) * kPageBytes : bytes);
@@ -47,36 +50,54 @@ class RegionBuilder {
     sample.levels.resize(static_cast<std::size_t>(spec_.bottom_level() - top_.level) + 1);
     struct Built {
       TileKey key;
+      double stands_for;  // tiles of the level
       std::vector<LocalVertex> interior;
     };
     std::vector<Built> parents;
-    double stands_for = 1;  // tiles of the level, each built one
     const std::vector<LocalVertex> inherited = parent_of_top();
     stretches_.clear();
     for (std::size_t k = 0; k < sample.levels.size(); ++k) {
-      const double before = thread_seconds();
-      LevelCost& cost = sample.levels[k];
+      LevelCost& total = sample.levels[k];
       std::vector<Built> tiles;
+      const auto build = [&](const TileKey& key, double stands_for, const std::vector<LocalVertex>& from,
+                             double before) {
+        LevelCost cost;
+        tiles.push_back({key, stands_for, {}});
+        build_tile(key, from, tiles.back().interior, cost);
+        total.tiles += stands_for;
+        total.vertices += stands_for * cost.vertices;
+        total.bytes += stands_for * cost.bytes;
+        total.seconds += stands_for * (thread_seconds() - before);
+      };
       if (k == 0) {
+        const double before = thread_seconds();
         add_ring(top_);
-        tiles.push_back({top_, {}});
-        build_tile(top_, inherited, tiles.back().interior, cost);
+        build(top_, 1, inherited, before);
       }
       for (const Built& parent : parents) {
         if (!is_split(parent.key)) continue;
+        const double before_lines = thread_seconds();
         add_middle_lines(parent.key, parent.interior);
-        // Opposite corners of the parent.
-        const int diagonal = ++turn % 2;
-        for (const int child : {diagonal, 3 - diagonal}) {
-          tiles.push_back({parent.key.child(child), {}});
-          build_tile(tiles.back().key, parent.interior, tiles.back().interior, cost);
+        total.seconds += parent.stands_for * (thread_seconds() - before_lines);
+        // Children without data are cheap and known; of the others two at opposite corners, if there are more.
+        std::vector<int> with_data;
+        for (int child = 0; child < 4; ++child) {
+          if (coverage_of(field_, parent.key.child(child)) != TileCoverage::kFiller) with_data.push_back(child);
+        }
+        total.tiles += parent.stands_for * static_cast<double>(4 - with_data.size());
+        total.bytes += parent.stands_for * static_cast<double>(4 - with_data.size()) * kFillerTileBytes;
+        const double share = with_data.size() > 2 ? static_cast<double>(with_data.size()) / 2 : 1;
+        if (with_data.size() == 4) {
+          const int diagonal = ++turn % 2;
+          with_data = {diagonal, 3 - diagonal};
+        } else if (with_data.size() == 3) {
+          with_data.erase(with_data.begin() + ++turn % 3);
+        }
+        for (const int child : with_data) {
+          build(parent.key.child(child), parent.stands_for * share, parent.interior, thread_seconds());
         }
       }
-      cost.tiles = static_cast<double>(tiles.size());
-      cost.seconds = thread_seconds() - before;
-      for (double* value : {&cost.tiles, &cost.vertices, &cost.bytes, &cost.seconds}) *value *= stands_for;
       parents = std::move(tiles);
-      stands_for *= 2;
     }
   }
 

@@ -24,9 +24,9 @@ struct RegionSample {
 };
 
 /// Builds the region `top` as a build would: its border lines and its own triangulation and, on each finer level, two
-/// of the four children of each tile built before (which ones alternates with `turn`); what is left out is taken to be
-/// like what is done. `field` must hold the posts around the region and the heights pinned by `lines`. Pure but for the
-/// clock; thread safe.
+/// of those children of each tile built before that have data (which ones alternates with `turn`); what is left out is
+/// taken to be like what is done. `field` must hold the posts around the region and the heights pinned by `lines`. Pure
+/// but for the clock; thread safe.
 RegionSample build_region(const HeightField& field, const LevelTable& table, const LinePyramid& lines,
                           const TileKey& top, int turn);
 
