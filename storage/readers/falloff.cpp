@@ -165,15 +165,19 @@ void relax_run(PostGrid& grid, const Run& run, std::vector<float>& before) {
   relax(n - 1);
 }
 
-/// Smooths the falloff posts in place; data and base posts are fixed. Runs are in the order of rows.
+/// Smooths the falloff posts in place; data and base posts are fixed. Runs are in the order of rows. A sweep goes from
+/// south to north, and the next one follows it a row behind: the rows at work fit into caches, and a large grid's pages
+/// are needed once.
 void relax_falloff(PostGrid& grid, const std::vector<Run>& runs) {
+  std::vector<std::size_t> first(static_cast<std::size_t>(grid.n_rows) + 1, 0);  // run of each row
+  for (const Run& run : runs) ++first[static_cast<std::size_t>(run.row) + 1];
+  for (std::size_t r = 1; r < first.size(); ++r) first[r] += first[r - 1];
   std::vector<float> before;
-  for (int sweep = 0; sweep < kFalloffSweeps && !is_set(grid.cancel); ++sweep) {
-    // Both directions in turn: no side is favoured.
-    if (sweep % 2 == 0) {
-      for (const Run& run : runs) relax_run(grid, run, before);
-    } else {
-      for (auto run = runs.rbegin(); run != runs.rend(); ++run) relax_run(grid, *run, before);
+  for (std::int64_t front = 0; front < grid.n_rows + kFalloffSweeps && !is_set(grid.cancel); ++front) {
+    for (std::int64_t row = std::min(front, grid.n_rows - 1);
+         row >= std::max<std::int64_t>(0, front - kFalloffSweeps + 1); --row) {
+      const auto r = static_cast<std::size_t>(row);
+      for (std::size_t k = first[r]; k < first[r + 1]; ++k) relax_run(grid, runs[k], before);
     }
   }
 }

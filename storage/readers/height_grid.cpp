@@ -54,7 +54,7 @@ struct HeightGrid::Impl {
   /// Lays the extended grid around the mosaic's and reserves its memory. Returns the falloff that fits.
   Result<std::int64_t> lay_out(const RasterMosaic& mosaic, const Lattice& lattice, const HeightGridOptions& options);
   /// Takes `n` posts of a source for the grid's from index `at` on.
-  void take_row(const float* from, std::int64_t n, std::int64_t at);
+  Result<void> take_row(const float* from, std::int64_t n, std::int64_t at);
   /// Takes the mean of overlapping sources for rows of the mosaic from `row` on.
   void take_mean(const Strip& strip, std::int64_t row, std::int64_t n_strip_rows, std::int64_t n_cols);
   Result<void> merge(const RasterMosaic& mosaic, const std::function<void(double)>& progress);
@@ -129,22 +129,22 @@ Result<std::int64_t> HeightGrid::Impl::lay_out(const RasterMosaic& mosaic, const
   return falloff;
 }
 
-void HeightGrid::Impl::take_row(const float* from, std::int64_t n, std::int64_t at) {
+Result<void> HeightGrid::Impl::take_row(const float* from, std::int64_t n, std::int64_t at) {
   float* heights = grid.heights_m + at;
   PostOrigin* origins = grid.origins + at;
   std::uint32_t n_voids = 0;
   for (std::int64_t c = 0; c < n; ++c) n_voids += std::isnan(from[c]) ? 1u : 0u;
-  if (n_voids == 0) {
-    std::copy(from, from + n, heights);
-    std::fill(origins, origins + n, PostOrigin::kSource);
-  } else if (static_cast<std::int64_t>(n_voids) < n) {
+  if (n == 0) return {};
+  counts.source += static_cast<std::uint64_t>(n) - n_voids;
+  if (n_voids == 0) return arrays.take_source(at, from, n);
+  if (static_cast<std::int64_t>(n_voids) < n) {
     for (std::int64_t c = 0; c < n; ++c) {
       if (std::isnan(from[c])) continue;
       heights[c] = from[c];
       origins[c] = PostOrigin::kSource;
     }
   }
-  counts.source += static_cast<std::uint64_t>(n) - n_voids;
+  return {};
 }
 
 void HeightGrid::Impl::take_mean(const Strip& strip, std::int64_t row, std::int64_t n_strip_rows, std::int64_t n_cols) {
@@ -199,8 +199,8 @@ Result<void> HeightGrid::Impl::merge(const RasterMosaic& mosaic, const std::func
           const std::int64_t out = (frame.south_row + r) * grid.n_cols + frame.west_col;
           // Columns that pass the mosaic's eastern end go on at its western one.
           const std::int64_t n_east = std::min(source.n_used_cols, mosaic.n_cols - source.grid_col);
-          take_row(row, n_east, out + source.grid_col);
-          take_row(row + n_east, source.n_used_cols - n_east, out);
+          if (auto ok = take_row(row, n_east, out + source.grid_col); !ok) return ok;
+          if (auto ok = take_row(row + n_east, source.n_used_cols - n_east, out); !ok) return ok;
           continue;
         }
         const std::size_t row_at = static_cast<std::size_t>(r - begin) * n_cols;

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "storage/readers/post_arrays.hpp"
 
+#include <cerrno>
+#include <cstring>
 #include <utility>
 
 namespace tind {
@@ -28,6 +30,17 @@ PostGrid PostArrays::grid() const { return {n_rows_, n_cols_, false, heights_m_,
 void PostArrays::attach(HeightField& field) const {
   field.heights_m = heights_m_;
   field.origins = origins_;
+}
+
+Result<void> PostArrays::take_source(std::int64_t at, const float* heights_m, std::int64_t n) {
+  const auto first = static_cast<std::uint64_t>(at), count = static_cast<std::uint64_t>(n);
+  if (source_row_.size() < count) source_row_.assign(static_cast<std::size_t>(count), PostOrigin::kSource);
+  const auto n_posts = static_cast<std::uint64_t>(n_rows_) * static_cast<std::uint64_t>(n_cols_);
+  if (map_.write(first * sizeof(float), heights_m, count * sizeof(float)) &&
+      map_.write(n_posts * sizeof(float) + first, source_row_.data(), count)) {
+    return {};
+  }
+  return fail(ErrorKind::kIo, std::string("the scratch file of the posts cannot be written: ") + std::strerror(errno));
 }
 
 void PostArrays::build_blocks(HeightField& field, int threads, CancelFlag cancel) {

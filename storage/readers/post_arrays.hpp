@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <span>
 #include <string>
+#include <vector>
 
 #include "core/height_field.hpp"
 #include "core/result.hpp"
@@ -26,6 +27,8 @@ class PostArrays {
   PostGrid grid() const;
   /// Points the field at the arrays. Precondition: it has the grid's size.
   void attach(HeightField& field) const;
+  /// Makes the `n` posts from index `at` on posts of the source. kIo: the scratch file cannot be written.
+  Result<void> take_source(std::int64_t at, const float* heights_m, std::int64_t n);
   /// Builds the blocks of the attached field's posts and points it at them; valid as long as this object, which must
   /// not move any more. When `cancel` is set it ends early and the field gets none.
   void build_blocks(HeightField& field, int threads, CancelFlag cancel);
@@ -36,6 +39,7 @@ class PostArrays {
   float* heights_m_ = nullptr;
   PostOrigin* origins_ = nullptr;
   std::span<std::byte> block_memory_;
+  std::vector<PostOrigin> source_row_;  ///< As many kSource as were taken at once.
   PostBlocks blocks_;
 };
 

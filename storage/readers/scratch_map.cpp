@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "storage/readers/scratch_map.hpp"
 
+#include <cassert>
 #include <cerrno>
 #include <cstring>
 #include <limits>
@@ -33,14 +34,31 @@ Result<ScratchMap> ScratchMap::create(const std::string& folder, std::uint64_t n
   }
   void* address = ::mmap(nullptr, n_bytes, PROT_READ | PROT_WRITE, MAP_SHARED, fd, 0);
   const int error = errno;
-  ::close(fd);
-  if (address == MAP_FAILED) return refuse(error);
-  return ScratchMap(address, n_bytes);
+  if (address == MAP_FAILED) {
+    ::close(fd);
+    return refuse(error);
+  }
+  return ScratchMap(address, n_bytes, fd);
 }
 
 ScratchMap::~ScratchMap() {
   resident_ = ResidentMap();
   if (address_ != nullptr) ::munmap(address_, n_bytes_);
+  if (fd_ >= 0) ::close(fd_);
+}
+
+bool ScratchMap::write(std::uint64_t offset, const void* from, std::uint64_t n_bytes) {
+  assert(offset <= n_bytes_ && n_bytes <= n_bytes_ - offset);
+  const auto* bytes = static_cast<const char*>(from);
+  while (n_bytes > 0) {
+    const ssize_t n = ::pwrite(fd_, bytes, n_bytes, static_cast<off_t>(offset));
+    if (n < 0 && errno == EINTR) continue;
+    if (n <= 0) return false;
+    bytes += n;
+    offset += static_cast<std::uint64_t>(n);
+    n_bytes -= static_cast<std::uint64_t>(n);
+  }
+  return true;
 }
 
 }  // namespace tind
