@@ -31,7 +31,7 @@ using Clock = std::chrono::steady_clock;
 // Regions of this many posts are built: large enough for three levels, small enough for several.
 constexpr double kRegionPosts = 1.1e6;
 constexpr int kLevelsBelow = 2;
-constexpr std::size_t kMostRegions = 16, kLeastRegions = 4;
+constexpr std::size_t kMostRegions = 16, kLeastRegions = 8;
 constexpr double kRegionSeconds = 6;
 // Places looked at to find where the data is rough, and where it is not at all.
 constexpr std::size_t kMostProbes = 400, kLeastProbes = 16;
@@ -213,6 +213,11 @@ class Forecaster {
     for (std::size_t k = 0; k < costs.front().region.levels.size(); ++k) {
       const auto level = static_cast<std::size_t>(region_level_) + k;
       LevelCost& cost = out_.levels[level];
+      // There are no more than the sources' rectangles touch.
+      if (cost.tiles > counted_[level]) {
+        const double excess = cost.tiles / counted_[level];
+        for (double* value : {&cost.tiles, &cost.vertices, &cost.bytes, &cost.seconds}) *value /= excess;
+      }
       const double tiles = std::max(cost.tiles, counted_[level] * data_share_);
       cost.bytes += (tiles - cost.tiles) * kFillerBytes;
       cost.tiles = tiles;
