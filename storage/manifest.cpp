@@ -122,41 +122,43 @@ std::string encode_manifest(const Manifest& m) {
   }
   json levels = json::array();
   for (const LevelInfo& level : m.levels) levels.push_back(level_to_json(level));
-  const json j = {
-      {"format", "tind"},
-      {"format_version", m.format_version},
-      {"generator", m.generator},
-      {"attribution", m.attribution},
-      {"ellipsoid",
-       {{"name", m.lattice.ellipsoid.name},
-        {"semi_major_m", m.lattice.ellipsoid.semi_major_m},
-        {"inverse_flattening", m.lattice.ellipsoid.inverse_flattening}}},
-      {"vertical_datum", m.vertical_datum},
-      {"heights", m.heights},
-      {"vertical_operation", m.vertical_operation},
-      {"source_kind", m.source_kind},
-      {"resampling", m.resampling},
-      {"horizontal_crs", kHorizontalCrs},
-      {"root_count_x", kRootCountX},
-      {"mode", m.mode},
-      {"lattice_level", m.lattice.level},
-      {"height_exponent", m.lattice.height_exponent},
-      {"bottom_level", m.bottom_level},
-      {"base_height_m", m.base_height_m},
-      {"falloff_posts", m.falloff_posts},
-      {"disagreement_m", m.disagreement_m},
-      {"bounds_deg", m.bounds_deg},
-      {"spacing_deg", m.spacing_deg},
-      {"sources", std::move(sources)},
-      {"posts", {{"source", m.n_source_posts}, {"filled", m.n_filled_posts}, {"falloff", m.n_falloff_posts}}},
-      {"lines",
-       {{"streams", m.lines.streams},
-        {"shores", m.lines.shores},
-        {"given", m.lines.given},
-        {"vertices", m.lines.vertices}}},
-      {"options", json::parse(m.options_json)},
-      {"content_hash", m.content_hash},
-      {"levels", std::move(levels)}};
+  json j = {{"format", "tind"},
+            {"format_version", m.format_version},
+            {"generator", m.generator},
+            {"attribution", m.attribution},
+            {"ellipsoid",
+             {{"name", m.lattice.ellipsoid.name},
+              {"semi_major_m", m.lattice.ellipsoid.semi_major_m},
+              {"inverse_flattening", m.lattice.ellipsoid.inverse_flattening}}},
+            {"vertical_datum", m.vertical_datum},
+            {"heights", m.heights},
+            {"vertical_operation", m.vertical_operation},
+            {"source_kind", m.source_kind},
+            {"resampling", m.resampling},
+            {"horizontal_crs", kHorizontalCrs},
+            {"root_count_x", kRootCountX},
+            {"mode", m.mode},
+            {"lattice_level", m.lattice.level},
+            {"height_exponent", m.lattice.height_exponent},
+            {"bottom_level", m.bottom_level},
+            {"base_height_m", m.base_height_m},
+            {"falloff_posts", m.falloff_posts},
+            {"disagreement_m", m.disagreement_m},
+            {"bounds_deg", m.bounds_deg},
+            {"spacing_deg", m.spacing_deg},
+            {"sources", std::move(sources)},
+            {"posts", {{"source", m.n_source_posts}, {"filled", m.n_filled_posts}, {"falloff", m.n_falloff_posts}}},
+            {"lines",
+             {{"streams", m.lines.streams},
+              {"shores", m.lines.shores},
+              {"given", m.lines.given},
+              {"vertices", m.lines.vertices}}},
+            {"options", json::parse(m.options_json)},
+            {"content_hash", m.content_hash},
+            {"levels", std::move(levels)}};
+  if (m.shard_count > 1) {
+    j["shard"] = {{"index", m.shard_index}, {"count", m.shard_count}, {"cut_level", m.shard_cut_level}};
+  }
   return j.dump(-1, ' ', false, json::error_handler_t::replace);
 }
 
@@ -208,6 +210,16 @@ Result<Manifest> decode_manifest(ByteView text) {
     }
     m.options_json = j.at("options").dump();
     m.content_hash = j.at("content_hash").get<std::string>();
+    if (j.contains("shard")) {
+      const json& shard = j["shard"];
+      m.shard_index = whole<int>(shard.at("index"));
+      m.shard_count = whole<int>(shard.at("count"));
+      m.shard_cut_level = whole<int>(shard.at("cut_level"));
+      if (m.shard_count < 2 || m.shard_index < 0 || m.shard_index >= m.shard_count || m.shard_cut_level < 0 ||
+          m.shard_cut_level > m.bottom_level) {
+        return fail(ErrorKind::kCorrupt, "manifest: a shard that cannot be");
+      }
+    }
     if (whole<int>(j.at("root_count_x")) != kRootCountX || m.bottom_level < 0 || m.lattice.level > kMaxLevel ||
         m.bottom_level > m.lattice.level || m.lattice.height_exponent < 0 || m.lattice.height_exponent > 16 ||
         !(m.lattice.ellipsoid.semi_major_m > 0) || !(m.lattice.ellipsoid.inverse_flattening > 1)) {

@@ -75,6 +75,8 @@ struct Manifest {
   std::uint64_t n_source_posts = 0, n_filled_posts = 0, n_falloff_posts = 0;
   LineCounts lines;
   std::string options_json = "{}";
+  /// One of several parts of a pyramid: has the tiles above the cut level and its own below. count 1: the whole.
+  int shard_index = 0, shard_count = 1, shard_cut_level = 0;
   std::string content_hash;  ///< Of all keys and values but the manifest's own (docs/format.md 9).
   std::vector<LevelInfo> levels;
 

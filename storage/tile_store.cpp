@@ -6,10 +6,12 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <array>
 #include <cassert>
 #include <cerrno>
 #include <cstring>
+#include <new>
 
 #include "core/format/fnv1a.hpp"
 
@@ -21,8 +23,9 @@ constexpr std::array<std::uint8_t, 2> kManifestKey = {0xff, 'm'};
 constexpr mdb_mode_t kFileMode = 0644;
 // Address space, not disk. Fixed, because LMDB writes it into the file and the same input must give the same bytes.
 constexpr std::size_t kMapBytes = std::size_t{1} << 38;
-// A transaction's dirty pages are in memory: commit now and then.
-constexpr std::size_t kCommitBytes = std::size_t{32} << 20;
+// A transaction's dirty pages are in memory, and what is not committed is lost in a crash. LMDB's pages depend on where
+// transactions end, so that must depend on nothing but what is written.
+constexpr std::size_t kCommitBytes = std::size_t{4} << 20;
 
 std::array<std::uint8_t, kKeyBytes> key_bytes(const PieceKey& key) {
   const PieceKey k = key.canonical();
@@ -32,6 +35,17 @@ std::array<std::uint8_t, kKeyBytes> key_bytes(const PieceKey& key) {
   for (int b = 0; b < 8; ++b) bytes[static_cast<std::size_t>(1 + b)] = static_cast<std::uint8_t>(code >> (56 - 8 * b));
   bytes[9] = static_cast<std::uint8_t>(k.kind);
   return bytes;
+}
+
+// The key of one of a store's records; nullopt: not one of a piece.
+std::optional<PieceKey> piece_key_of(ByteView bytes) {
+  if (bytes.size() != kKeyBytes || bytes[9] > static_cast<std::uint8_t>(PieceKind::kInputs)) return std::nullopt;
+  std::uint64_t code = 0;
+  for (std::size_t b = 0; b < 8; ++b) code = code << 8 | bytes[1 + b];
+  const PieceKey key{static_cast<PieceKind>(bytes[9]), bytes[0], morton_decode_even(code),
+                     morton_decode_even(code >> 1)};
+  if (!key.valid() || key != key.canonical()) return std::nullopt;
+  return key;
 }
 
 MDB_val to_val(ByteView bytes) { return {bytes.size(), const_cast<std::uint8_t*>(bytes.data())}; }
@@ -77,6 +91,34 @@ std::optional<ByteView> TileStore::Snapshot::find(const PieceKey& key) const {
 }
 
 std::optional<ByteView> TileStore::Snapshot::find_manifest() const { return get(impl_->txn, impl_->dbi, kManifestKey); }
+
+struct TileStore::Cursor::Impl {
+  MDB_cursor* cursor = nullptr;
+  bool started = false;
+  ~Impl() { mdb_cursor_close(cursor); }
+};
+
+TileStore::Cursor::Cursor(const Snapshot& snapshot) : impl_(std::make_unique<Impl>()) {
+  // Fails without memory only.
+  if (mdb_cursor_open(snapshot.impl_->txn, snapshot.impl_->dbi, &impl_->cursor) != 0) throw std::bad_alloc();
+}
+TileStore::Cursor::Cursor(Cursor&&) noexcept = default;
+TileStore::Cursor& TileStore::Cursor::operator=(Cursor&&) noexcept = default;
+TileStore::Cursor::~Cursor() = default;
+
+Result<std::optional<TileStore::Piece>> TileStore::Cursor::next() {
+  MDB_val k{}, v{};
+  const int code = mdb_cursor_get(impl_->cursor, &k, &v, impl_->started ? MDB_NEXT : MDB_FIRST);
+  impl_->started = true;
+  if (code == MDB_NOTFOUND) return std::nullopt;
+  if (code != 0) return fail(ErrorKind::kIo, std::string("reading failed: ") + mdb_strerror(code));
+  const ByteView key(static_cast<const std::uint8_t*>(k.mv_data), k.mv_size);
+  if (std::equal(key.begin(), key.end(), kManifestKey.begin(), kManifestKey.end()))
+    return std::nullopt;  // the last key
+  const auto piece = piece_key_of(key);
+  if (!piece) return fail(ErrorKind::kCorrupt, "a key that is no piece's");
+  return Piece{*piece, ByteView(static_cast<const std::uint8_t*>(v.mv_data), v.mv_size)};
+}
 
 TileStore::TileStore(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
 TileStore::TileStore(TileStore&&) noexcept = default;
@@ -140,15 +182,61 @@ struct TileStoreWriter::Impl {
   MDB_txn* txn = nullptr;
   MDB_dbi dbi = 0;
   std::size_t uncommitted_bytes = 0;
+  std::optional<std::array<std::uint8_t, kKeyBytes>> last_earlier;  // largest key that an earlier writer left
+  bool had_manifest = false;
   Fnv1a hash;
 
   ~Impl() {
     if (txn) mdb_txn_abort(txn);
     if (env) mdb_env_close(env);
   }
-  int put(ByteView key, ByteView value) {
+
+  Result<void> open() {
+    int code = mdb_env_create(&env);
+    if (code == 0) code = mdb_env_set_mapsize(env, kMapBytes);
+    // Nobody else sees the file before finish(): no lock. Every commit is on disk before the next begins.
+    if (code == 0) code = mdb_env_open(env, path.c_str(), MDB_NOSUBDIR | MDB_NOLOCK, kFileMode);
+    if (code == 0) code = mdb_txn_begin(env, nullptr, 0, &txn);
+    if (code == 0) code = mdb_dbi_open(txn, nullptr, 0, &dbi);
+    if (code == MDB_INVALID || code == MDB_VERSION_MISMATCH || code == MDB_CORRUPTED) {
+      return fail(ErrorKind::kCorrupt, path + ": not what an interrupted build leaves, or damaged; remove it");
+    }
+    if (code != 0) return tl::unexpected(lmdb_error(path, "creating", code));
+    return {};
+  }
+
+  Result<void> find_last_earlier() {
+    MDB_cursor* cursor = nullptr;
+    if (mdb_cursor_open(txn, dbi, &cursor) != 0) throw std::bad_alloc();
+    MDB_val k{}, v{};
+    int code = mdb_cursor_get(cursor, &k, &v, MDB_LAST);
+    if (code == 0 && k.mv_size == kManifestKey.size()) {
+      had_manifest = true;
+      code = mdb_cursor_get(cursor, &k, &v, MDB_PREV);
+    }
+    if (code == 0 && k.mv_size == kKeyBytes) {
+      last_earlier.emplace();
+      std::memcpy(last_earlier->data(), k.mv_data, kKeyBytes);
+    }
+    mdb_cursor_close(cursor);
+    if (code != 0 && code != MDB_NOTFOUND) return tl::unexpected(lmdb_error(path, "reading", code));
+    return {};
+  }
+
+  // Puts a record, or finds the same one there. A put at the end costs no search.
+  Result<void> put(ByteView key, ByteView value, bool is_earlier) {
+    if (is_earlier) {
+      const auto there = get(txn, dbi, key);
+      if (there && std::equal(there->begin(), there->end(), value.begin(), value.end())) return {};
+      return fail(ErrorKind::kCorrupt, path +
+                                           ": what the interrupted build left there is not what this one makes; "
+                                           "remove it and start anew");
+    }
     MDB_val k = to_val(key), v = to_val(value);
-    return mdb_put(txn, dbi, &k, &v, MDB_APPEND);
+    if (const int code = mdb_put(txn, dbi, &k, &v, MDB_APPEND)) {
+      return tl::unexpected(lmdb_error(path, "writing", code));
+    }
+    return {};
   }
 };
 
@@ -164,25 +252,37 @@ Result<TileStoreWriter> TileStoreWriter::create(const std::string& path) {
   ::close(fd);
   auto impl = std::make_unique<Impl>();
   impl->path = path;
-  int code = mdb_env_create(&impl->env);
-  if (code == 0) code = mdb_env_set_mapsize(impl->env, kMapBytes);
-  // Nobody else sees the file before finish(), which syncs: no lock, no sync per commit.
-  if (code == 0) code = mdb_env_open(impl->env, path.c_str(), MDB_NOSUBDIR | MDB_NOLOCK | MDB_NOSYNC, kFileMode);
-  if (code == 0) code = mdb_txn_begin(impl->env, nullptr, 0, &impl->txn);
-  if (code == 0) code = mdb_dbi_open(impl->txn, nullptr, 0, &impl->dbi);
-  if (code != 0) return tl::unexpected(lmdb_error(path, "creating", code));
+  if (auto opened = impl->open(); !opened) return tl::unexpected(opened.error());
+  return TileStoreWriter(std::move(impl));
+}
+
+Result<TileStoreWriter> TileStoreWriter::go_on(const std::string& path) {
+  // Stopped before its first two pages were there, a file is none yet.
+  struct stat info {};
+  if (::stat(path.c_str(), &info) == 0 && info.st_size < 2 * ::sysconf(_SC_PAGESIZE) &&
+      ::truncate(path.c_str(), 0) != 0) {
+    return fail(ErrorKind::kIo, path + ": cannot be written: " + std::strerror(errno));
+  }
+  auto impl = std::make_unique<Impl>();
+  impl->path = path;
+  if (auto opened = impl->open(); !opened) return tl::unexpected(opened.error());
+  if (auto found = impl->find_last_earlier(); !found) return tl::unexpected(found.error());
   return TileStoreWriter(std::move(impl));
 }
 
 Result<void> TileStoreWriter::append(const PieceKey& key, ByteView value) {
   assert(key.valid() && key == key.canonical());
   const auto bytes = key_bytes(key);
-  if (const int code = impl_->put(bytes, value)) return tl::unexpected(lmdb_error(impl_->path, "writing", code));
-  impl_->hash.add(bytes);
-  impl_->hash.add(value);
+  const bool is_earlier = impl_->last_earlier && bytes <= *impl_->last_earlier;
+  if (auto done = impl_->put(bytes, value, is_earlier); !done) return done;
+  if (key.kind != PieceKind::kInputs) {
+    impl_->hash.add(bytes);
+    impl_->hash.add(value);
+  }
   impl_->uncommitted_bytes += value.size() + kKeyBytes;
   if (impl_->uncommitted_bytes < kCommitBytes) return {};
   impl_->uncommitted_bytes = 0;
+  if (is_earlier) return {};  // the earlier writer committed here
   const int code = mdb_txn_commit(std::exchange(impl_->txn, nullptr));
   if (code != 0) return tl::unexpected(lmdb_error(impl_->path, "writing", code));
   if (const int begun = mdb_txn_begin(impl_->env, nullptr, 0, &impl_->txn)) {
@@ -195,13 +295,31 @@ std::optional<ByteView> TileStoreWriter::find(const PieceKey& key) const {
   return get(impl_->txn, impl_->dbi, key_bytes(key));
 }
 
+bool TileStoreWriter::has_pieces() const { return impl_->last_earlier.has_value(); }
+
+std::optional<ByteView> TileStoreWriter::find_earlier(const PieceKey& key) const {
+  if (!impl_->last_earlier || key_bytes(key) > *impl_->last_earlier) return std::nullopt;
+  return find(key);
+}
+
 std::string TileStoreWriter::content_hash() const { return impl_->hash.hex(); }
 
+std::pair<void*, std::size_t> TileStoreWriter::mapped() const {
+  MDB_envinfo info{};
+  MDB_stat stat{};
+  mdb_env_info(impl_->env, &info);
+  mdb_env_stat(impl_->env, &stat);
+  return {info.me_mapaddr, (info.me_last_pgno + 1) * std::size_t{stat.ms_psize}};
+}
+
 Result<void> TileStoreWriter::finish(ByteView manifest_value) {
-  int code = impl_->put(kManifestKey, manifest_value);
-  if (code == 0) code = mdb_txn_commit(std::exchange(impl_->txn, nullptr));
-  if (code == 0) code = mdb_env_sync(impl_->env, 1);
-  if (code != 0) return tl::unexpected(lmdb_error(impl_->path, "writing", code));
+  if (auto done = impl_->put(kManifestKey, manifest_value, impl_->had_manifest); !done) return done;
+  if (!impl_->had_manifest) {
+    int code = mdb_txn_commit(std::exchange(impl_->txn, nullptr));
+    if (code == 0) code = mdb_env_sync(impl_->env, 1);
+    if (code != 0) return tl::unexpected(lmdb_error(impl_->path, "writing", code));
+  }
+  if (impl_->txn) mdb_txn_abort(std::exchange(impl_->txn, nullptr));
   mdb_env_close(std::exchange(impl_->env, nullptr));
   return {};
 }

@@ -4,6 +4,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <utility>
 
 #include "core/format/bytes.hpp"
 #include "core/piece_key.hpp"
@@ -33,6 +34,25 @@ class TileStore {
     std::unique_ptr<Impl> impl_;
   };
 
+  struct Piece {
+    PieceKey key;
+    ByteView value;
+  };
+  /// Walks all pieces in storage order. The snapshot must outlive it; one thread.
+  class Cursor {
+   public:
+    explicit Cursor(const Snapshot& snapshot);
+    Cursor(Cursor&&) noexcept;
+    Cursor& operator=(Cursor&&) noexcept;
+    ~Cursor();
+    /// The next piece; nullopt at the end. kCorrupt on a key that no builder writes. The view is the snapshot's.
+    Result<std::optional<Piece>> next();
+
+   private:
+    struct Impl;
+    std::unique_ptr<Impl> impl_;
+  };
+
   /// Opens read-only. Fails with kNotFound, kIo, or kCorrupt (not an LMDB file; no manifest).
   static Result<TileStore> open(const std::string& path);
   TileStore(TileStore&&) noexcept;
@@ -48,22 +68,34 @@ class TileStore {
   std::unique_ptr<Impl> impl_;
 };
 
-/// Writes a new `.tind` file. One thread. Keys must come in storage order, the manifest last.
+/// Writes a `.tind` file. One thread. Keys must come in storage order, the manifest last. What was appended is on disk
+/// every few megabytes; a file that was left there, by a crash or a full disk, can be gone on with, and then has the
+/// same bytes in the end as one written without a stop.
 class TileStoreWriter {
  public:
   /// Creates `path`, which must not exist.
   static Result<TileStoreWriter> create(const std::string& path);
+  /// Opens what an earlier writer left unfinished, or creates `path`. The same pieces must be appended again from the
+  /// first on: those that are there are compared and cost no writing. kCorrupt: not such a file.
+  static Result<TileStoreWriter> go_on(const std::string& path);
   TileStoreWriter(TileStoreWriter&&) noexcept;
   TileStoreWriter& operator=(TileStoreWriter&&) noexcept;
   /// Without finish() the file is left as it is, unfinished; the caller removes it.
   ~TileStoreWriter();
 
-  /// Appends one piece. `value`: what pack_value made. kIo on a full disk.
+  /// Appends one piece. `value`: what pack_value made. kIo on a full disk; kCorrupt when an earlier writer left another
+  /// value there.
   Result<void> append(const PieceKey& key, ByteView value);
+  /// Whether an earlier writer left anything to go on with.
+  bool has_pieces() const;
+  /// The value that an earlier writer left under `key`. nullopt: none. The view is valid until the next append.
+  std::optional<ByteView> find_earlier(const PieceKey& key) const;
   /// A stored value of this writer, committed or not. The view is valid until the next append.
   std::optional<ByteView> find(const PieceKey& key) const;
-  /// 64-bit FNV-1a over the keys and values appended so far, as 16 hexadecimal digits.
+  /// 64-bit FNV-1a over the keys and values appended so far, those of kInputs apart, as 16 hexadecimal digits.
   std::string content_hash() const;
+  /// The memory map, whose resident pages may be given back at any time.
+  std::pair<void*, std::size_t> mapped() const;
   /// Writes the manifest, commits, syncs to disk and closes.
   Result<void> finish(ByteView manifest_value);
 

@@ -3,23 +3,25 @@
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
-#include <unistd.h>
 
 #include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <filesystem>
 #include <numbers>
+#include <optional>
 #include <thread>
 
+#include "storage/builder/earlier_pyramid.hpp"
 #include "storage/builder/output_file.hpp"
+#include "storage/builder/unfinished_output.hpp"
+#include "storage/builder/version.hpp"
 #include "storage/tile_store.hpp"
 #include "storage/zstd_codec.hpp"
 
 namespace tind {
 namespace {
 
-constexpr const char* kGenerator = "tind-build 0.1.0";
 // Share of the whole work that reading takes, for the progress line.
 constexpr double kReadShare = 0.08;
 constexpr double kLineShare = 0.1;
@@ -27,6 +29,8 @@ constexpr double kLineShare = 0.1;
 double seconds_since(std::chrono::steady_clock::time_point start) {
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
 }
+
+const char* mode_name(LevelMode mode) { return mode == LevelMode::kStandard ? "standard" : "non-standard"; }
 
 const char* metres_name(BuildOptions::Metres metres) {
   switch (metres) {
@@ -50,8 +54,8 @@ std::string class_filter_text(const ClassFilter& classes) {
   return text;
 }
 
-// What shapes the bytes, for the manifest.
-std::string options_to_json(const BuildOptions& options, bool has_points, const SurfaceLines& lines) {
+// What the user asked for, as far as it shapes the bytes.
+nlohmann::json asked_for(const BuildOptions& options, bool has_points) {
   nlohmann::json j = {{"base_height_m", options.base_height_m},
                       {"falloff_posts", options.falloff_posts},
                       {"metres_per_degree", metres_name(options.metres)},
@@ -71,15 +75,45 @@ std::string options_to_json(const BuildOptions& options, bool has_points, const 
   if (!options.source.points.source_crs.empty()) j["source_crs"] = options.source.points.source_crs;
   if (options.source.points.spacing_m) j["spacing_m"] = *options.source.points.spacing_m;
   if (options.lines.drainage) {
-    j["drainage_cells"] = lines.drainage_cells;
+    if (options.lines.drainage_cells) j["drainage_cells"] = *options.lines.drainage_cells;
     j["drainage_growth"] = options.lines.drainage_growth;
-    j["lake_area_m2"] = lines.lake_area_m2;
+    if (options.lines.lake_area_m2) j["lake_area_m2"] = *options.lines.lake_area_m2;
     if (options.lines.sea_level_m) j["sea_level_m"] = *options.lines.sea_level_m;
+  }
+  return j;
+}
+
+// The same for the manifest: with what was chosen where the user left it open.
+nlohmann::json options_to_json(nlohmann::json j, const BuildOptions& options, const SurfaceLines& lines) {
+  if (options.lines.drainage) {
+    j["drainage_cells"] = lines.drainage_cells;
+    j["drainage_cells_chosen"] = !options.lines.drainage_cells;
+    j["lake_area_m2"] = lines.lake_area_m2;
+    j["lake_area_chosen"] = !options.lines.lake_area_m2;
   }
   for (const BreakLineSource& given : lines.given_sources) {
     j["break_lines"].push_back({{"name", given.name}, {"sha256", given.sha256}, {"lakes", given.lakes}});
   }
-  return j.dump();
+  return j;
+}
+
+// What an unfinished output is made of, as far as it is known before the work begins.
+nlohmann::json job_of(const BuildOptions& options, const ElevationSource& source) {
+  Manifest m;
+  source.describe(m);
+  nlohmann::json sources = nlohmann::json::object();
+  for (const SourceInfo& s : m.sources) sources[s.name] = s.sha256;
+  nlohmann::json lines = nlohmann::json::array();
+  for (const BreakLineFile& file : options.lines.given) lines.push_back({{"file", file.spec}, {"lakes", file.lakes}});
+  nlohmann::json job = {{"builder", std::string(kGenerator)},
+                        {"attribution", options.attribution},
+                        {"mode", mode_name(options.levels.mode)},
+                        {"resampling", options.source.raster.resampling == Resampling::kCubic ? "cubic" : "bilinear"},
+                        {"options", asked_for(options, source.has_points())},
+                        {"sources", std::move(sources)},
+                        {"break_lines", std::move(lines)}};
+  if (options.shard) job["shard"] = {{"index", options.shard->index}, {"count", options.shard->count}};
+  return job;
 }
 
 // What would fail at the end is known at the start.
@@ -96,11 +130,58 @@ Result<void> check_lines_out(const BuildOptions& options) {
   return check_output(path, options.force);
 }
 
+// Whether the output is what `expected` would become: then there is nothing to go on with.
+bool is_complete(const std::string& output, const Manifest& expected, const nlohmann::json& asked) {
+  const auto file = EarlierPyramid::open(output);
+  if (!file) return false;
+  const Manifest& m = file->manifest;
+  const auto name_and_hash = [](const SourceInfo& a, const SourceInfo& b) {
+    return a.name == b.name && a.sha256 == b.sha256;
+  };
+  if (m.generator != expected.generator || m.attribution != expected.attribution || m.mode != expected.mode ||
+      m.shard_index != expected.shard_index || m.shard_count != expected.shard_count ||
+      !std::equal(m.sources.begin(), m.sources.end(), expected.sources.begin(), expected.sources.end(),
+                  name_and_hash)) {
+    return false;
+  }
+  const nlohmann::json options = nlohmann::json::parse(m.options_json);
+  return std::all_of(asked.items().begin(), asked.items().end(), [&](const auto& item) {
+    return options.contains(item.key()) && options[item.key()] == item.value();
+  });
+}
+
+// Tiles with a changed piece, and tiles of the earlier pyramid that are gone.
+std::vector<TileKey> changed_tiles(const Manifest& now, const Manifest& earlier, const std::vector<PieceKey>& changed) {
+  std::vector<TileKey> tiles;
+  for (const PieceKey& key : changed) {
+    for (const TileKey& tile : tiles_of(key)) {
+      if (now.has_tile(tile)) tiles.push_back(tile);
+    }
+  }
+  for (const LevelInfo& level : earlier.levels) {
+    for (const TileRun& run : level.rows) {
+      for (std::uint32_t x = run.x_first; x <= run.x_last; ++x) {
+        const TileKey tile{static_cast<std::uint8_t>(level.level), x, run.y};
+        if (!now.has_tile(tile)) tiles.push_back(tile);
+      }
+    }
+  }
+  const auto before = [](const TileKey& a, const TileKey& b) {
+    return a.level != b.level ? a.level < b.level : morton_code(a.x, a.y) < morton_code(b.x, b.y);
+  };
+  std::sort(tiles.begin(), tiles.end(), before);
+  tiles.erase(std::unique(tiles.begin(), tiles.end()), tiles.end());
+  return tiles;
+}
+
 }  // namespace
 
 Result<BuildReport> build_pyramid(const BuildOptions& options, Progress& progress) {
   const auto start = std::chrono::steady_clock::now();
-  if (auto checked = check_output(options.output, options.force); !checked) return tl::unexpected(checked.error());
+  const bool goes_on = options.resume && UnfinishedOutput::exists_for(options.output);
+  if (auto checked = check_output(options.output, options.force || options.resume); !checked) {
+    return tl::unexpected(checked.error());
+  }
   if (auto checked = check_lines_out(options); !checked) return tl::unexpected(checked.error());
   progress.update(0, "reading");
   auto source = ElevationSource::open(options.source);
@@ -126,12 +207,46 @@ Result<BuildReport> build_pyramid(const BuildOptions& options, Progress& progres
   lattice.level = table->lattice_level;
   lattice.height_exponent = table->height_exponent;
 
-  // The output's name is taken before the long work begins, so that an unwritable folder is known at once.
-  TemporaryFile temporary(fmt::format("{}-{}.tmp", options.output, ::getpid()));
-  auto writer = TileStoreWriter::create(temporary.path());
-  if (!writer) return tl::unexpected(writer.error());
-
   BuildReport report;
+  Manifest& m = report.manifest;
+  m.generator = kGenerator;
+  m.attribution = options.attribution;
+  m.mode = mode_name(options.levels.mode);
+  m.lattice = lattice;
+  m.bottom_level = table->bottom_level();
+  m.base_height_m = options.base_height_m;
+  m.falloff_posts = options.falloff_posts;
+  if (options.shard) {
+    m.shard_index = options.shard->index;
+    m.shard_count = options.shard->count;
+  }
+  source->describe(m);
+  const nlohmann::json asked = asked_for(options, source->has_points());
+  if (options.resume && !goes_on) {
+    if (is_complete(options.output, m, asked)) {
+      auto done = EarlierPyramid::open(options.output);
+      progress.note(options.output + ": complete already; nothing to go on with");
+      report.manifest = std::move(done->manifest);
+      report.breakdown.resize(report.manifest.levels.size());
+      return report;
+    }
+    if (auto checked = check_output(options.output, options.force); !checked) return tl::unexpected(checked.error());
+  }
+  std::optional<EarlierPyramid> earlier;
+  if (!options.earlier.empty()) {
+    auto opened = EarlierPyramid::open(options.earlier);
+    if (!opened) return tl::unexpected(opened.error());
+    earlier.emplace(std::move(*opened));
+  }
+
+  // The output's name is taken before the long work begins, so that an unwritable folder is known at once.
+  auto unfinished = UnfinishedOutput::open(options.output, options.resume, options.force);
+  if (!unfinished) return tl::unexpected(unfinished.error());
+  if (auto checked = unfinished->check_job(job_of(options, *source)); !checked) return tl::unexpected(checked.error());
+  auto writer = TileStoreWriter::go_on(unfinished->path());
+  if (!writer) return tl::unexpected(writer.error());
+  if (writer->has_pieces()) progress.note(options.output + ": going on with the interrupted build");
+
   report.threads =
       options.threads > 0 ? options.threads : static_cast<int>(std::max(1u, std::thread::hardware_concurrency()));
   const auto folder = std::filesystem::path(options.output).parent_path();
@@ -158,37 +273,48 @@ Result<BuildReport> build_pyramid(const BuildOptions& options, Progress& progres
   report.line_seconds = seconds_since(line_start);
   HeightField field = source->field();
   field.pinned = lines->pyramid.pinned();
-
-  Manifest& m = report.manifest;
-  m.generator = kGenerator;
-  m.attribution = options.attribution;
-  m.mode = options.levels.mode == LevelMode::kStandard ? "standard" : "non-standard";
-  m.lattice = lattice;
-  m.bottom_level = table->bottom_level();
-  m.base_height_m = options.base_height_m;
-  m.falloff_posts = options.falloff_posts;
   source->describe(m);
   m.lines = lines->counts;
-  m.options_json = options_to_json(options, source->has_points(), *lines);
+  m.options_json = options_to_json(asked, options, *lines).dump();
 
   const double progress_from = options.lines.drainage ? kReadShare + kLineShare : kReadShare;
-  const PyramidInput input{field, *table, lines->pyramid, report.threads, options.cancel};
-  if (auto built = build_levels(input, *writer, progress, progress_from, m, report.breakdown); !built) {
-    return tl::unexpected(built.error());
+  const PyramidInput input{field,          *table,        lines->pyramid, report.threads,
+                           options.cancel, m.shard_index, m.shard_count,  earlier ? &earlier->snapshot : nullptr};
+  auto built = build_levels(input, *writer, progress, progress_from);
+  if (built) {
+    m.levels = std::move(built->levels);
+    m.shard_cut_level = built->shard_cut_level;
+    report.breakdown = std::move(built->breakdown);
+    m.content_hash = writer->content_hash();
+    const std::string manifest = encode_manifest(m);
+    auto done = writer->finish(pack_value(Bytes(manifest.begin(), manifest.end())));
+    if (!done) built = tl::unexpected(done.error());
   }
-  m.content_hash = writer->content_hash();
-  const std::string manifest = encode_manifest(m);
-  if (auto done = writer->finish(pack_value(Bytes(manifest.begin(), manifest.end()))); !done) {
-    return tl::unexpected(done.error());
+  if (!built) {
+    Error error = built.error();
+    if (writer->has_pieces()) {
+      unfinished->keep();
+      error.message += "; what is done is kept: the same command with --resume goes on from there";
+    } else {
+      error.message += "; nothing was written";
+    }
+    return tl::unexpected(std::move(error));
   }
   std::error_code code;
-  report.file_bytes = std::filesystem::file_size(temporary.path(), code);
+  report.file_bytes = std::filesystem::file_size(unfinished->path(), code);
+  if (earlier) report.changed_tiles = changed_tiles(m, earlier->manifest, built->changed);
   if (!options.lines.lines_out.empty()) {
     if (auto written = write_lines(options.lines.lines_out, lines->layers, options.force); !written) {
+      unfinished->keep();
       return tl::unexpected(written.error());
     }
   }
-  if (auto renamed = temporary.rename_to(options.output); !renamed) return tl::unexpected(renamed.error());
+  if (earlier && options.earlier == options.output && encode_manifest(m) == encode_manifest(earlier->manifest)) {
+    progress.note(options.output + ": up to date already; left as it is");
+  } else if (auto renamed = unfinished->put_in_place(); !renamed) {
+    unfinished->keep();
+    return tl::unexpected(renamed.error());
+  }
   report.seconds = seconds_since(start);
   progress.update(1, "done");
   progress.finish();

@@ -44,7 +44,9 @@ struct BuildOptions {
     int count = 1;
   };
   std::optional<Shard> shard;
-  const std::atomic<bool>* cancel = nullptr;  ///< Set by a signal handler: stop, leave nothing behind.
+  /// An earlier pyramid to take over what was made of the same inputs from; it may be the output itself. Empty: none.
+  std::string earlier;
+  const std::atomic<bool>* cancel = nullptr;  ///< Set by a signal handler: stop soon.
 };
 
 struct BuildReport {
@@ -59,11 +61,15 @@ struct BuildReport {
   double read_seconds = 0;
   double line_seconds = 0;
   int threads = 0;
+  /// With BuildOptions::earlier: tiles that are served otherwise than before or not at all any more, by level, then in
+  /// Morton order.
+  std::vector<TileKey> changed_tiles;
 };
 
 /// Builds the pyramid of `options.source.inputs` into `options.output`: under a temporary name beside it, synced, then
-/// renamed. On any failure an earlier output is left untouched and nothing new stays behind. The same input and options
-/// give the same bytes for any number of threads.
+/// renamed. On any failure an earlier output is left untouched; work that had begun to be stored stays behind for
+/// BuildOptions::resume. The same input and options give the same bytes for any number of threads, any interruption and
+/// any earlier pyramid. kInterrupted when cancelled.
 Result<BuildReport> build_pyramid(const BuildOptions& options, Progress& progress);
 
 }  // namespace tind

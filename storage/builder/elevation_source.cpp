@@ -79,10 +79,13 @@ Result<void> ElevationSource::load(const Lattice& lattice, double base_height_m,
 void ElevationSource::describe(Manifest& m) const {
   m.bounds_deg = bounds_deg();
   m.spacing_deg = {lon_spacing_deg(), lat_spacing_deg()};
-  m.disagreement_m = field().disagreement_m;
-  m.n_source_posts = counts_.source;
-  m.n_filled_posts = counts_.filled;
-  m.n_falloff_posts = counts_.falloff;
+  m.sources.clear();
+  if (grid_ || point_grid_) {
+    m.disagreement_m = field().disagreement_m;
+    m.n_source_posts = counts_.source;
+    m.n_filled_posts = counts_.filled;
+    m.n_falloff_posts = counts_.falloff;
+  }
   if (points_) {
     m.source_kind = "points";
     m.vertical_datum = points_->vertical_datum;

@@ -62,7 +62,7 @@ class ElevationSource {
   /// After load(): valid as long as this object.
   const HeightField& field() const { return grid_ ? grid_->field() : point_grid_->field(); }
   const SourceCounts& counts() const { return counts_; }
-  /// After load(): sets the manifest's members about the source.
+  /// Sets the manifest's members about the source; those about its posts after load() only.
   void describe(Manifest& manifest) const;
 
  private:

@@ -4,10 +4,12 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <cassert>
+#include <array>
 #include <chrono>
 #include <cmath>
-#include <map>
+#include <memory>
+#include <mutex>
+#include <optional>
 #include <span>
 #include <string>
 #include <utility>
@@ -16,9 +18,13 @@
 #include "core/tessellation.hpp"
 #include "core/triangulator.hpp"
 #include "storage/builder/border_lines.hpp"
+#include "storage/builder/level_tally.hpp"
 #include "storage/builder/ordered_pipeline.hpp"
 #include "storage/builder/plan.hpp"
+#include "storage/builder/shard.hpp"
+#include "storage/builder/tile_digest.hpp"
 #include "storage/builder/tile_posts.hpp"
+#include "storage/inputs_blob.hpp"
 #include "storage/piece_blob.hpp"
 #include "storage/zstd_codec.hpp"
 
@@ -34,13 +40,39 @@ double seconds_since(std::chrono::steady_clock::time_point start) {
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
 }
 
+// A built or taken-over tile, ready to be written.
 struct TileResult {
-  Bytes value;
+  Bytes value;   // the stored body
+  Bytes inputs;  // the stored TileInputs
+  TileInputs made_of;
   TileStats stats;
-  std::uint64_t n_interior = 0, n_inserted = 0, n_of_lines = 0, n_triangles = 0, n_outside = 0;
-  std::uint64_t n_line_pieces = 0, n_left_out = 0;
-  std::string error;
+  std::uint64_t n_interior = 0, n_triangles = 0;
+  bool built = false;
 };
+
+// What is there of a tile already: views into a store.
+struct StoredTile {
+  ByteView body, inputs;
+};
+
+// The interior vertices of a stored body, decoded by whoever needs them first.
+class ParentBody {
+ public:
+  explicit ParentBody(Bytes value) : value_(std::move(value)) {}
+  const Result<std::vector<LocalVertex>>& interior() const {
+    std::call_once(once_, [this] {
+      interior_ = decode_interior(value_);
+      value_ = {};
+    });
+    return interior_;
+  }
+
+ private:
+  mutable Bytes value_;
+  mutable std::once_flag once_;
+  mutable Result<std::vector<LocalVertex>> interior_;
+};
+using ParentPointer = std::shared_ptr<const ParentBody>;
 
 class PyramidBuilder {
  public:
@@ -52,6 +84,7 @@ class PyramidBuilder {
         progress_(progress),
         progress_from_(progress_from),
         plan_(field_, table_.bottom_level()),
+        shard_(plan_, input.shard_index, input.shard_count),
         borders_(field_.lattice) {
     const double bottom_m = table_.levels.back().tolerance_m;
     // What rounding may add outside the greedy loop: a post's height is kept as a float, a vertex's in height units.
@@ -64,62 +97,66 @@ class PyramidBuilder {
       spec_.tolerance_m.push_back(tolerance - std::min(margin, tolerance * kMostMargin));
       spec_.seed_segments.push_back(seed_segments(level, tolerance, field_.lattice.ellipsoid.semi_major_m));
     }
+    outcome_.shard_cut_level = shard_.cut_level();
   }
 
-  Result<void> run(Manifest& manifest, std::vector<LevelBreakdown>& breakdown) {
+  Result<PyramidOutcome> run() {
     for (int level = 0; level <= table_.bottom_level(); ++level) {
       const auto start = std::chrono::steady_clock::now();
-      LevelInfo info;
       LevelBreakdown parts;
-      if (auto done = refine_lines(level); !done) return done;
-      if (auto done = build_level(level, info, parts); !done) return done;
+      if (auto done = refine_lines(level); !done) return tl::unexpected(done.error());
+      auto info = build_level(level, parts);
+      if (!info) return tl::unexpected(info.error());
       parts.seconds = seconds_since(start);
-      if (info.max_error_m > info.tolerance_m) {
+      if (info->max_error_m > info->tolerance_m) {
         progress_.note(
             fmt::format("level {}: the error at a post is {:.3f} m, above E_L = {:.3f} m: the tolerance is finer than "
                         "the posts' heights allow; the file says so, too",
-                        level, info.max_error_m, info.tolerance_m));
+                        level, info->max_error_m, info->tolerance_m));
       }
-      manifest.levels.push_back(std::move(info));
-      breakdown.push_back(parts);
+      outcome_.levels.push_back(std::move(*info));
+      outcome_.breakdown.push_back(parts);
     }
-    return {};
+    return std::move(outcome_);
   }
 
  private:
   bool cancelled() const { return input_.cancel && input_.cancel->load(std::memory_order_relaxed); }
 
-  static Error cancelled_error() { return {ErrorKind::kIo, "interrupted; nothing was written"}; }
+  static Error interrupted() { return {ErrorKind::kInterrupted, "interrupted"}; }
 
-  // The parent's stored body, copied because the writer's views do not outlive the next append.
-  Bytes parent_value(const TileKey& parent) const {
-    const auto value = writer_.find({PieceKind::kBody, parent.level, parent.x, parent.y});
-    return value ? Bytes(value->begin(), value->end()) : Bytes();
-  }
-
-  // The parent's interior vertices in the lattice's coordinates relative to the parent's SW corner.
-  static Result<std::vector<LocalVertex>> parent_interior(const Bytes& value) {
-    auto record = unpack_value(value);
-    if (!record) return tl::unexpected(record.error());
-    auto body = decode_body(*record);
-    if (!body) return tl::unexpected(body.error());
-    return std::move(body->interior);
+  // The stored body of a tile of the level above. Copied, because the writer's views do not outlive the next append;
+  // neighbours in the list have the same parent, which is copied and decoded once. One thread.
+  ParentPointer parent_body(const TileKey& parent) {
+    if (!last_parent_ || last_parent_key_ != parent) {
+      const auto value = writer_.find({PieceKind::kBody, parent.level, parent.x, parent.y});
+      last_parent_ = std::make_shared<const ParentBody>(value ? Bytes(value->begin(), value->end()) : Bytes());
+      last_parent_key_ = parent;
+    }
+    return last_parent_;
   }
 
   Result<void> refine_lines(int level) {
-    const std::vector<RootEdge> roots = plan_.root_edges(level, field_.lattice);
+    std::vector<RootEdge> roots = plan_.root_edges(level, field_.lattice);
+    if (level > shard_.cut_level()) {
+      // Such a line runs inside a tile of the cut level: it is seen by that tile's shard alone.
+      std::erase_if(roots, [this](const RootEdge& root) { return !shard_.has(parent_of(root)); });
+    }
     struct In {
       RootEdge root;
-      Bytes parent;
+      ParentPointer parent;
     };
     const auto prepare = [&](std::size_t i) {
-      In in{roots[i], {}};
-      if (level > 0) in.parent = parent_value(parent_of(roots[i]));
-      return in;
+      return In{roots[i], level > 0 ? parent_body(parent_of(roots[i])) : nullptr};
     };
-    const auto work = [&](In&& in) {
+    using Line = Result<std::vector<LineVertex>>;
+    const auto work = [&](In&& in) -> Line {
       std::vector<std::int64_t> pins;
-      if (level > 0) pins = pins_of(in.root, in.parent);
+      if (in.parent) {
+        const auto& interior = in.parent->interior();
+        if (!interior) return tl::unexpected(interior.error());
+        pins = pins_of(in.root, *interior);
+      }
       const bool vertical = in.root.vertical;
       const std::int64_t at = in.root.at;
       const auto crossings =
@@ -129,12 +166,17 @@ class PyramidBuilder {
         return plan_.is_edge_split(edge_level, vertical, at / side, start / side);
       });
     };
-    const auto consume = [&](std::size_t i, std::vector<LineVertex>&& vertices) {
-      borders_.add(roots[i], std::move(vertices));
+    std::optional<Error> error;
+    const auto consume = [&](std::size_t i, Line&& line) {
+      if (!line) {
+        error = line.error();
+        return false;
+      }
+      borders_.add(roots[i], std::move(*line));
       return !cancelled();
     };
-    if (!run_ordered<In, std::vector<LineVertex>>(roots.size(), input_.threads, prepare, work, consume)) {
-      return tl::unexpected(cancelled_error());
+    if (!run_ordered<In, Line>(roots.size(), input_.threads, prepare, work, consume)) {
+      return tl::unexpected(error.value_or(interrupted()));
     }
     return {};
   }
@@ -148,14 +190,12 @@ class PyramidBuilder {
   }
 
   // Where the parent tile has vertices on the stretch (DESIGN: at l0 also pin the parent's vertices that lie on l).
-  std::vector<std::int64_t> pins_of(const RootEdge& root, const Bytes& value) const {
+  std::vector<std::int64_t> pins_of(const RootEdge& root, const std::vector<LocalVertex>& interior) const {
     std::vector<std::int64_t> pins;
-    const auto interior = parent_interior(value);
-    assert(interior.has_value() && "the writer's own body");
     const TileKey parent = parent_of(root);
     const std::int64_t side = field_.lattice.tile_side(parent.level), west = side * parent.x, south = side * parent.y;
     const std::int64_t end = root.start + side / 2;
-    for (const LocalVertex& v : *interior) {
+    for (const LocalVertex& v : interior) {
       const std::int64_t x = west + v.x, y = south + v.y;
       const std::int64_t across = root.vertical ? x : y, along = root.vertical ? y : x;
       if (across == root.at && along > root.start && along < end) pins.push_back(along);
@@ -219,18 +259,38 @@ class PyramidBuilder {
     }
   }
 
-  TileResult build_tile(const TileKey& key, const Bytes& parent) const {
+  // A tile from what is stored of it.
+  static Result<TileResult> take_over(const StoredTile& stored) {
     TileResult result;
-    std::vector<LocalVertex> inherited;
-    if (key.level > 0) {
-      auto interior = parent_interior(parent);
-      if (!interior) {
-        result.error = interior.error().message;
-        return result;
-      }
-      inherited = std::move(*interior);
+    auto inputs = decode_inputs(stored.inputs);
+    if (!inputs) return tl::unexpected(inputs.error());
+    auto record = unpack_value(stored.body);
+    if (!record) return tl::unexpected(record.error());
+    auto body = decode_body(*record);
+    if (!body) return tl::unexpected(body.error());
+    result.made_of = *inputs;
+    result.stats = body->stats;
+    result.n_interior = body->interior.size();
+    result.n_triangles = body->triangles.size();
+    result.value.assign(stored.body.begin(), stored.body.end());
+    result.inputs.assign(stored.inputs.begin(), stored.inputs.end());
+    return result;
+  }
+
+  // `earlier`: of the same tile in the earlier pyramid, if there is one.
+  Result<TileResult> build_tile(const TileKey& key, const ParentBody* parent,
+                                const std::optional<StoredTile>& earlier) const {
+    static const std::vector<LocalVertex> kNone;
+    if (parent && !parent->interior()) return tl::unexpected(parent->interior().error());
+    const TileTask task = make_task(key, parent ? *parent->interior() : kNone);
+    std::array<std::span<const LineVertex>, 4> borders;
+    for (int b = 0; b < 4; ++b) borders[static_cast<std::size_t>(b)] = borders_.border(key, b);
+    TileResult result;
+    result.made_of.digest = tile_digest(field_, task, borders, table_.bottom_level() - key.level);
+    if (earlier) {
+      const auto inputs = decode_inputs(earlier->inputs);
+      if (inputs && inputs->digest == result.made_of.digest) return take_over(*earlier);
     }
-    const TileTask task = make_task(key, inherited);
     TileSurface surface = triangulate(field_, task);
     TileBody body;
     body.stats = surface.stats;
@@ -243,125 +303,154 @@ class PyramidBuilder {
     add_runs(key, body);
     result.stats = body.stats;
     result.n_interior = body.interior.size();
-    const std::int64_t side = field_.lattice.tile_side(key.level);
-    for (const LocalVertex& v : body.interior)
-      result.n_outside += is_outside(field_, side * key.x + v.x, side * key.y + v.y);
-    result.n_inserted = surface.n_inserted;
-    result.n_of_lines = surface.n_of_lines;
-    result.n_line_pieces = task.constraints.size();
-    result.n_left_out = surface.n_left_out;
     result.n_triangles = body.triangles.size();
+    result.built = true;
+    const std::int64_t side = field_.lattice.tile_side(key.level);
+    for (const LocalVertex& v : body.interior) {
+      result.made_of.n_outside += is_outside(field_, side * key.x + v.x, side * key.y + v.y);
+    }
+    result.made_of.n_inserted = surface.n_inserted;
+    result.made_of.n_of_lines = surface.n_of_lines;
+    result.made_of.n_line_pieces = task.constraints.size();
+    result.made_of.n_left_out = surface.n_left_out;
     result.value = pack_body(body);
+    result.inputs = encode_inputs(result.made_of);
     return result;
   }
 
+  // Appends a piece, and notes whether the earlier pyramid has it otherwise.
+  Result<void> append(const PieceKey& key, ByteView value) {
+    if (input_.earlier && key.kind != PieceKind::kInputs) {
+      const auto before = input_.earlier->find(key);
+      if (!before || !std::equal(before->begin(), before->end(), value.begin(), value.end())) {
+        outcome_.changed.push_back(key);
+      }
+    }
+    return writer_.append(key, value);
+  }
+
   // Corner and edge values, made where they are written: they are slices of the lines.
-  Bytes border_value(const PieceKey& key, LevelInfo& info, LevelBreakdown& parts) const {
+  Result<void> append_border_piece(const PieceKey& key, LevelTally& tally, LevelBreakdown& parts) {
     const std::int64_t side = field_.lattice.tile_side(key.level);
     if (key.kind == PieceKind::kCorner) {
+      const Bytes value = pack_value(encode_corner({field_.lattice_height(side * key.i, side * key.j)}));
       ++parts.corners;
       parts.outside += is_outside(field_, side * key.i, side * key.j);
-      return pack_value(encode_corner({field_.lattice_height(side * key.i, side * key.j)}));
+      tally.add_corner(value.size());
+      return append(key, value);
     }
     const bool vertical = key.kind == PieceKind::kEdgeV;
     const auto part =
         vertical ? borders_.side(true, key.level, key.i, key.j) : borders_.side(false, key.level, key.j, key.i);
     const EdgeChain edge = edge_of_level(part, key.level);
+    const Bytes value = pack_value(encode_edge(edge));
     parts.border += edge.inner.size();
     for (const EdgeVertex& v : edge.inner) {
       parts.outside += is_outside(field_, side * key.i + (vertical ? 0 : v.t), side * key.j + (vertical ? v.t : 0));
     }
-    info.n_seed_vertices += static_cast<std::uint64_t>(spec_.seed_segments[key.level] - 1);
-    return pack_value(encode_edge(edge));
+    tally.add_edge(edge.inner.size(), value.size());
+    return append(key, value);
   }
 
-  Result<void> build_level(int level, LevelInfo& info, LevelBreakdown& parts) {
-    const std::vector<TileKey>& tiles = plan_.tiles(level);
-    const std::vector<PieceKey> pieces = plan_.pieces(level);
-    const LevelSpec& spec = table_.levels[static_cast<std::size_t>(level)];
-    info.level = level;
-    info.tolerance_m = spec.tolerance_m;
-    info.spacing_m = spec.spacing_m;
-    info.height_step_m = spec_.height_step_m[static_cast<std::size_t>(level)];
-    info.n_tiles = tiles.size();
-    const auto seeds_per_axis = static_cast<std::uint64_t>(spec_.seed_segments[static_cast<std::size_t>(level)] - 1);
-    info.n_seed_vertices = tiles.size() * seeds_per_axis * seeds_per_axis;
+  Result<void> append_tile(const TileKey& key, const TileResult& tile, LevelTally& tally, LevelBreakdown& parts) {
+    tally.add_body(key, tile.stats, tile.n_interior, tile.n_triangles, tile.value.size());
+    parts.inserted += tile.made_of.n_inserted;
+    parts.outside += tile.made_of.n_outside;
+    parts.of_lines += tile.made_of.n_of_lines;
+    parts.inherited += tile.n_interior - tile.made_of.n_inserted - tile.made_of.n_of_lines;
+    parts.line_pieces += tile.made_of.n_line_pieces;
+    parts.left_out += tile.made_of.n_left_out;
+    parts.built += tile.built ? 1 : 0;
+    if (auto done = append({PieceKind::kBody, key.level, key.x, key.y}, tile.value); !done) return done;
+    return append({PieceKind::kInputs, key.level, key.x, key.y}, tile.inputs);
+  }
 
-    std::string error;
-    double squares = 0;
-    std::size_t next_piece = 0;
-    std::vector<TileCoverage> coverage;
-    coverage.reserve(tiles.size());
-    const auto append = [&](const PieceKey& key, ByteView value) {
-      info.bytes += value.size();
-      if (auto done = writer_.append(key, value); !done) error = done.error().message;
-      return error.empty();
+  // What the interrupted run stored of a tile, copied; else what the earlier pyramid has. One thread.
+  struct Known {
+    Bytes body, inputs;  // of the interrupted run
+    std::optional<StoredTile> earlier;
+  };
+  Known known_of(const TileKey& key) const {
+    const PieceKey body_key{PieceKind::kBody, key.level, key.x, key.y};
+    const PieceKey inputs_key{PieceKind::kInputs, key.level, key.x, key.y};
+    Known known;
+    const auto inputs = writer_.find_earlier(inputs_key);
+    const auto body = inputs ? writer_.find_earlier(body_key) : std::nullopt;
+    if (body) {
+      known.body.assign(body->begin(), body->end());
+      known.inputs.assign(inputs->begin(), inputs->end());
+    } else if (input_.earlier) {
+      const auto earlier_body = input_.earlier->find(body_key), earlier_inputs = input_.earlier->find(inputs_key);
+      if (earlier_body && earlier_inputs) known.earlier = StoredTile{*earlier_body, *earlier_inputs};
+    }
+    return known;
+  }
+
+  Result<LevelInfo> build_level(int level, LevelBreakdown& parts) {
+    const std::vector<TileKey> tiles = shard_.filter(plan_.tiles(level));
+    const std::vector<PieceKey> pieces = border_pieces_of(tiles);
+    LevelInfo info;
+    info.level = level;
+    info.tolerance_m = table_.levels[static_cast<std::size_t>(level)].tolerance_m;
+    info.spacing_m = table_.levels[static_cast<std::size_t>(level)].spacing_m;
+    info.height_step_m = spec_.height_step_m[static_cast<std::size_t>(level)];
+    LevelTally tally(info, field_.lattice.ellipsoid.semi_major_m);
+
+    std::optional<Error> error;
+    const auto failed = [&error](Result<void>&& done) {
+      if (!done) error = done.error();
+      return !done;
     };
+    std::size_t next_piece = 0;
     struct In {
       TileKey key;
-      Bytes parent;
+      ParentPointer parent;
+      Known known;
     };
     const auto prepare = [&](std::size_t i) {
-      return In{tiles[i], level > 0 ? parent_value(tiles[i].parent()) : Bytes()};
+      In in{tiles[i], nullptr, known_of(tiles[i])};
+      if (in.known.body.empty() && level > 0) in.parent = parent_body(tiles[i].parent());
+      return in;
     };
-    const auto work = [&](In&& in) { return build_tile(in.key, in.parent); };
-    const auto consume = [&](std::size_t i, TileResult&& tile) {
-      if (!tile.error.empty()) {
-        error = tile.error;
+    const auto work = [&](In&& in) -> Result<TileResult> {
+      if (!in.known.body.empty()) return take_over({in.known.body, in.known.inputs});
+      return build_tile(in.key, in.parent.get(), in.known.earlier);
+    };
+    const auto consume = [&](std::size_t i, Result<TileResult>&& tile) {
+      if (!tile) {
+        error = tile.error();
         return false;
       }
-      for (; pieces[next_piece].kind != PieceKind::kBody; ++next_piece) {
-        if (!append(pieces[next_piece], border_value(pieces[next_piece], info, parts))) return false;
+      const PieceKey body{PieceKind::kBody, tiles[i].level, tiles[i].x, tiles[i].y};
+      for (; next_piece < pieces.size() && pieces[next_piece] < body; ++next_piece) {
+        if (failed(append_border_piece(pieces[next_piece], tally, parts))) return false;
       }
-      if (!append(pieces[next_piece++], tile.value)) return false;
-      coverage.push_back(tile.stats.coverage);
-      parts.inserted += tile.n_inserted;
-      parts.outside += tile.n_outside;
-      parts.inherited += tile.n_interior - tile.n_inserted - tile.n_of_lines;
-      parts.of_lines += tile.n_of_lines;
-      parts.line_pieces += tile.n_line_pieces;
-      parts.left_out += tile.n_left_out;
-      info.n_triangles += tile.n_triangles;
-      info.n_posts += tile.stats.n_posts;
-      info.max_error_m = std::max(info.max_error_m, static_cast<double>(tile.stats.max_error_m));
-      squares += static_cast<double>(tile.stats.rmse_m) * tile.stats.rmse_m * static_cast<double>(tile.stats.n_posts);
+      if (failed(append_tile(tiles[i], *tile, tally, parts))) return false;
       const double done = static_cast<double>(i + 1) / static_cast<double>(tiles.size());
       progress_.update(progress_from_ + (1 - progress_from_) * work_share(level, done),
                        fmt::format("level {} of {}", level, table_.bottom_level()));
       return !cancelled();
     };
-    if (!run_ordered<In, TileResult>(tiles.size(), input_.threads, prepare, work, consume)) {
-      if (error.empty()) return tl::unexpected(cancelled_error());
-      return fail(ErrorKind::kIo, error);
+    if (!run_ordered<In, Result<TileResult>>(tiles.size(), input_.threads, prepare, work, consume)) {
+      return tl::unexpected(error.value_or(interrupted()));
     }
     for (; next_piece < pieces.size(); ++next_piece) {
-      if (!append(pieces[next_piece], border_value(pieces[next_piece], info, parts)))
-        return fail(ErrorKind::kIo, error);
+      if (failed(append_border_piece(pieces[next_piece], tally, parts))) return tl::unexpected(*error);
     }
-    info.rmse_m = info.n_posts ? std::sqrt(squares / static_cast<double>(info.n_posts)) : 0;
-    info.n_border_vertices = parts.corners + parts.border;
-    info.n_vertices = info.n_border_vertices + parts.inherited + parts.of_lines + parts.inserted;
-    add_rows(tiles, coverage, info);
-    return {};
+    return tally.finish();
   }
 
-  static void add_rows(const std::vector<TileKey>& tiles, const std::vector<TileCoverage>& coverage, LevelInfo& info) {
-    std::map<std::pair<std::uint32_t, std::uint32_t>, TileCoverage> by_row;
-    for (std::size_t i = 0; i < tiles.size(); ++i) {
-      by_row[{tiles[i].y, tiles[i].x}] = coverage[i];
-      ++(coverage[i] == TileCoverage::kReal      ? info.n_real
-         : coverage[i] == TileCoverage::kPartial ? info.n_partial
-                                                 : info.n_filler);
-    }
-    for (const auto& [position, kind] : by_row) {
-      const auto [y, x] = position;
-      if (!info.rows.empty() && info.rows.back().y == y && info.rows.back().x_last + 1 == x &&
-          info.rows.back().coverage == kind) {
-        info.rows.back().x_last = x;
-      } else {
-        info.rows.push_back({y, x, x, kind});
+  // Corners and edges of tiles of one level in storage order, each once.
+  static std::vector<PieceKey> border_pieces_of(const std::vector<TileKey>& tiles) {
+    std::vector<PieceKey> keys;
+    for (const TileKey& tile : tiles) {
+      for (const PieceKey& key : pieces_of(tile)) {
+        if (key.kind != PieceKind::kBody) keys.push_back(key);
       }
     }
+    std::sort(keys.begin(), keys.end());
+    keys.erase(std::unique(keys.begin(), keys.end()), keys.end());
+    return keys;
   }
 
   // Share of all levels' work done. Every level looks at every post; each halving of E below a kilometre adds work.
@@ -385,15 +474,19 @@ class PyramidBuilder {
   Progress& progress_;
   const double progress_from_;
   const TilePlan plan_;
+  const ShardTiles shard_;
   RefinementSpec spec_;
   BorderLines borders_;
+  TileKey last_parent_key_;
+  ParentPointer last_parent_;
+  PyramidOutcome outcome_;
 };
 
 }  // namespace
 
-Result<void> build_levels(const PyramidInput& input, TileStoreWriter& writer, Progress& progress, double progress_from,
-                          Manifest& manifest, std::vector<LevelBreakdown>& breakdown) {
-  return PyramidBuilder(input, writer, progress, progress_from).run(manifest, breakdown);
+Result<PyramidOutcome> build_levels(const PyramidInput& input, TileStoreWriter& writer, Progress& progress,
+                                    double progress_from) {
+  return PyramidBuilder(input, writer, progress, progress_from).run();
 }
 
 }  // namespace tind

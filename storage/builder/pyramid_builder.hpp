@@ -8,6 +8,7 @@
 #include "core/height_field.hpp"
 #include "core/level_spec.hpp"
 #include "core/line_pyramid.hpp"
+#include "core/piece_key.hpp"
 #include "core/result.hpp"
 #include "storage/builder/progress.hpp"
 #include "storage/manifest.hpp"
@@ -26,6 +27,7 @@ struct LevelBreakdown {
   std::uint64_t outside = 0;      ///< Of all of these, those beyond the data.
   std::uint64_t line_pieces = 0;  ///< Pieces of break lines that tiles held to.
   std::uint64_t left_out = 0;     ///< Pieces of break lines that crossed another and were not held to.
+  std::uint64_t built = 0;        ///< Tiles triangulated by this run; the others were taken over as they were.
   double seconds = 0;
 };
 
@@ -36,12 +38,25 @@ struct PyramidInput {
   const LinePyramid& lines;
   int threads = 1;
   const std::atomic<bool>* cancel = nullptr;
+  /// Build this part of several only; 0 <= index < count. count 1: all of it.
+  int shard_index = 0, shard_count = 1;
+  /// An earlier pyramid: bodies that were made of the same inputs are taken from it. Null: none.
+  const TileStore::Snapshot* earlier = nullptr;
 };
 
-/// Refines, encodes and appends all levels, coarse to fine; fills `manifest.levels` and `breakdown`. `progress` goes
-/// from `progress_from` to 1. kIo when the store cannot be written or the work was cancelled. The bytes do not depend
-/// on the number of threads.
-Result<void> build_levels(const PyramidInput& input, TileStoreWriter& writer, Progress& progress, double progress_from,
-                          Manifest& manifest, std::vector<LevelBreakdown>& breakdown);
+/// What became of it.
+struct PyramidOutcome {
+  std::vector<LevelInfo> levels;
+  std::vector<LevelBreakdown> breakdown;
+  int shard_cut_level = 0;  ///< Where shards are cut.
+  /// With PyramidInput::earlier: pieces that it does not have, or has with another value, in storage order.
+  std::vector<PieceKey> changed;
+};
+
+/// Refines, encodes and appends all levels, coarse to fine. What the writer has from an interrupted run is not built
+/// again. `progress` goes from `progress_from` to 1. kIo when the store cannot be written, kInterrupted when cancelled.
+/// The bytes do not depend on the number of threads, nor on what was taken over.
+Result<PyramidOutcome> build_levels(const PyramidInput& input, TileStoreWriter& writer, Progress& progress,
+                                    double progress_from);
 
 }  // namespace tind

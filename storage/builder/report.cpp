@@ -47,6 +47,7 @@ std::string report_json(const BuildReport& report) {
                       {"max_error_m", info.max_error_m},
                       {"height_step_m", info.height_step_m},
                       {"bytes", info.bytes},
+                      {"tiles_built", parts.built},
                       {"seconds", parts.seconds}});
   }
   json drainage;
@@ -88,6 +89,8 @@ std::string report_json(const BuildReport& report) {
   }
   json sources = json::array();
   for (const SourceInfo& s : m.sources) sources.push_back(s.name);
+  json changed = json::array();
+  for (const TileKey& tile : report.changed_tiles) changed.push_back({tile.level, tile.x, tile.y});
   return json({{"generator", m.generator},
                {"sources", std::move(sources)},
                {"bottom_level", m.bottom_level},
@@ -106,6 +109,7 @@ std::string report_json(const BuildReport& report) {
                {"drainage", std::move(drainage)},
                {"break_lines", std::move(given)},
                {"levels", std::move(levels)},
+               {"changed_tiles", std::move(changed)},
                {"file_bytes", report.file_bytes},
                {"threads", report.threads},
                {"seconds", report.seconds},

@@ -11,7 +11,7 @@
 #include "core/drainage/compare.hpp"
 #include "core/result.hpp"
 #include "storage/report/bilinear_raster.hpp"
-#include "storage/report/rebuild_options.hpp"
+#include "storage/builder/rebuild_options.hpp"
 #include "storage/report/surface_sampler.hpp"
 
 namespace tind {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-#include "storage/report/rebuild_options.hpp"
+#include "storage/builder/rebuild_options.hpp"
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>

@@ -1,0 +1,23 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+#include <string>
+
+#include "core/result.hpp"
+#include "storage/manifest.hpp"
+#include "storage/tile_store.hpp"
+
+namespace tind {
+
+/// A finished `.tind` file that a build, an update or a merge reads. One thread. The file may be replaced meanwhile:
+/// what is open stays what it was.
+struct EarlierPyramid {
+  TileStore store;
+  TileStore::Snapshot snapshot;
+  Manifest manifest;
+
+  /// kNotFound, kIo, kCorrupt, kUnsupported; the message names the file.
+  static Result<EarlierPyramid> open(const std::string& path);
+};
+
+}  // namespace tind

@@ -1,0 +1,137 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "storage/builder/tile_digest.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <string_view>
+#include <vector>
+
+#include "storage/builder/digest.hpp"
+#include "storage/builder/version.hpp"
+
+namespace tind {
+namespace {
+
+// Numbers of one kind, with how many there are.
+template <class T>
+void add_all(Digest& digest, const std::vector<T>& values) {
+  digest.add_value(static_cast<std::uint64_t>(values.size()));
+  digest.add(values.data(), values.size() * sizeof(T));
+}
+
+void add_vertex(std::vector<std::int64_t>& numbers, const LocalVertex& v) {
+  numbers.insert(numbers.end(), {v.x, v.y, std::int64_t{v.z}});
+}
+
+void add_task(Digest& digest, const TileTask& task) {
+  std::vector<std::int64_t> numbers = {task.key.level, task.key.x, task.key.y};
+  add_all(digest, numbers);
+  digest.add_value(task.tolerance_m);
+  digest.add_value(task.height_step_m);
+  numbers.clear();
+  for (const LocalVertex& v : task.initial) add_vertex(numbers, v);
+  add_all(digest, numbers);
+  numbers.clear();
+  for (const auto& piece : task.constraints) {
+    add_vertex(numbers, piece[0]);
+    add_vertex(numbers, piece[1]);
+  }
+  add_all(digest, numbers);
+}
+
+void add_borders(Digest& digest, const std::array<std::span<const LineVertex>, 4>& borders) {
+  std::vector<std::int64_t> numbers;
+  for (const auto& border : borders) {
+    numbers.clear();
+    for (const LineVertex& v : border) {
+      numbers.insert(numbers.end(), {v.t - border.front().t, std::int64_t{v.z}, std::int64_t{v.entry}});
+    }
+    add_all(digest, numbers);
+  }
+}
+
+// The grid where it meets the tile and one post more, told as the tile sees it: a grid that grew elsewhere is the same.
+void add_grid(Digest& digest, const HeightField& field, const TileKey& key) {
+  const double side = static_cast<double>(field.lattice.tile_side(key.level));
+  const double width = static_cast<double>(field.lattice.width());
+  const double west = side * key.x, south = side * key.y;
+  const auto r_low = static_cast<std::int64_t>(std::floor((south - field.y0) / field.dy));
+  const auto r_high = static_cast<std::int64_t>(std::ceil((south + side - field.y0) / field.dy));
+  const std::int64_t r_first = std::max<std::int64_t>(r_low, 0), r_last = std::min(r_high, field.n_rows - 1);
+  digest.add_value(field.dx);
+  digest.add_value(field.dy);
+  digest.add_value(field.base_height_m);
+  digest.add_value(static_cast<std::int32_t>(field.lattice.level));
+  digest.add_value(static_cast<std::int32_t>(field.lattice.height_exponent));
+  for (const double turn : {-width, 0.0, width}) {
+    const auto c_low = static_cast<std::int64_t>(std::floor((west - field.x0 - turn) / field.dx));
+    const auto c_high = static_cast<std::int64_t>(std::ceil((west + side - field.x0 - turn) / field.dx));
+    const std::int64_t c_first = std::max<std::int64_t>(c_low, 0), c_last = std::min(c_high, field.n_cols - 1);
+    if (c_first > c_last || r_first > r_last) continue;
+    const std::array<std::int64_t, 4> size = {c_first - c_low, c_high - c_last, r_first - r_low, r_high - r_last};
+    digest.add(size.data(), sizeof size);
+    digest.add_value(field.post_x(c_first) + turn - west);
+    digest.add_value(field.post_y(r_first) - south);
+    const auto n = static_cast<std::size_t>(c_last - c_first + 1);
+    for (std::int64_t r = r_first; r <= r_last; ++r) {
+      digest.add(field.heights_m + r * field.n_cols + c_first, n * sizeof(float));
+      digest.add(field.origins + r * field.n_cols + c_first, n * sizeof(PostOrigin));
+    }
+  }
+  // Beyond the last rows the surface may go on to the pole.
+  const bool at_south = key.y == 0, at_north = key.y + 1 == TileKey::count_y(key.level);
+  digest.add_value(static_cast<std::uint8_t>(field.wraps));
+  digest.add_value(static_cast<std::uint8_t>(at_south && field.continues_south));
+  digest.add_value(static_cast<std::uint8_t>(at_north && field.continues_north));
+  if (at_south) digest.add_value(field.south_pole_m);
+  if (at_north) digest.add_value(field.north_pole_m);
+}
+
+// Irregular posts, and lattice points with a height of their own.
+void add_points(Digest& digest, const HeightField& field, const TileKey& key) {
+  const std::int64_t side = field.lattice.tile_side(key.level);
+  const std::int64_t west = side * key.x, south = side * key.y;
+  std::vector<double> posts;
+  for (const double turn : {0.0, static_cast<double>(field.lattice.width())}) {
+    const double x = static_cast<double>(west) + turn, y = static_cast<double>(south), s = static_cast<double>(side);
+    field.points.for_blocks(x - 1, y - 1, x + s + 1, y + s + 1, [&](const PointPost& p) {
+      if (p.x < x - 1 || p.x > x + s + 1 || p.y < y - 1 || p.y > y + s + 1) return;
+      posts.insert(posts.end(), {p.x - x, p.y - y, static_cast<double>(p.height_m)});
+    });
+  }
+  add_all(digest, posts);
+  std::vector<std::int64_t> pinned;
+  auto at = std::lower_bound(field.pinned.begin(), field.pinned.end(), std::pair{south, west},
+                             [](const LatticePoint& p, const auto& yx) {
+                               return std::pair{p.y, p.x} < yx;
+                             });
+  while (at != field.pinned.end() && at->y <= south + side) {
+    if (at->x < west || at->x > west + side) {  // on to the next row that can meet the tile
+      const std::pair next = at->x < west ? std::pair{at->y, west} : std::pair{at->y + 1, west};
+      at = std::lower_bound(at, field.pinned.end(), next, [](const LatticePoint& p, const auto& yx) {
+        return std::pair{p.y, p.x} < yx;
+      });
+      continue;
+    }
+    pinned.insert(pinned.end(), {at->x - west, at->y - south, std::int64_t{at->z}});
+    ++at;
+  }
+  add_all(digest, pinned);
+}
+
+}  // namespace
+
+std::array<std::uint8_t, 16> tile_digest(const HeightField& field, const TileTask& task,
+                                         const std::array<std::span<const LineVertex>, 4>& borders, int n_gaps) {
+  Digest digest;
+  constexpr std::string_view kMaker = kGenerator;
+  digest.add(kMaker.data(), kMaker.size());
+  digest.add_value(static_cast<std::int32_t>(n_gaps));
+  add_task(digest, task);
+  add_borders(digest, borders);
+  add_grid(digest, field, task.key);
+  add_points(digest, field, task.key);
+  return digest.finish();
+}
+
+}  // namespace tind
