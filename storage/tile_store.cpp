@@ -306,10 +306,8 @@ std::string TileStoreWriter::content_hash() const { return impl_->hash.hex(); }
 
 std::pair<void*, std::size_t> TileStoreWriter::mapped() const {
   MDB_envinfo info{};
-  MDB_stat stat{};
   mdb_env_info(impl_->env, &info);
-  mdb_env_stat(impl_->env, &stat);
-  return {info.me_mapaddr, (info.me_last_pgno + 1) * std::size_t{stat.ms_psize}};
+  return {info.me_mapaddr, info.me_mapsize};
 }
 
 Result<void> TileStoreWriter::finish(ByteView manifest_value) {

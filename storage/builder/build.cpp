@@ -14,6 +14,7 @@
 
 #include "storage/builder/earlier_pyramid.hpp"
 #include "storage/builder/output_file.hpp"
+#include "storage/builder/resident_limit.hpp"
 #include "storage/builder/unfinished_output.hpp"
 #include "storage/builder/version.hpp"
 #include "storage/tile_store.hpp"
@@ -25,6 +26,9 @@ namespace {
 // Share of the whole work that reading takes, for the progress line.
 constexpr double kReadShare = 0.08;
 constexpr double kLineShare = 0.1;
+// Pages of posts and of the store are dropped beyond this share of BuildOptions::memory_bytes: looking and dropping
+// take a moment, and the rest is for what cannot be dropped.
+constexpr double kMapsUpTo = 0.4;
 
 double seconds_since(std::chrono::steady_clock::time_point start) {
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
@@ -247,6 +251,9 @@ Result<BuildReport> build_pyramid(const BuildOptions& options, Progress& progres
   if (!writer) return tl::unexpected(writer.error());
   if (writer->has_pieces()) progress.note(options.output + ": going on with the interrupted build");
 
+  const ResidentLimit limit(static_cast<std::uint64_t>(static_cast<double>(options.memory_bytes) * kMapsUpTo));
+  std::optional<ResidentMap> store_pages(std::in_place, writer->mapped().first, writer->mapped().second);
+
   report.threads =
       options.threads > 0 ? options.threads : static_cast<int>(std::max(1u, std::thread::hardware_concurrency()));
   const auto folder = std::filesystem::path(options.output).parent_path();
@@ -281,6 +288,7 @@ Result<BuildReport> build_pyramid(const BuildOptions& options, Progress& progres
   const PyramidInput input{field,          *table,        lines->pyramid, report.threads,
                            options.cancel, m.shard_index, m.shard_count,  earlier ? &earlier->snapshot : nullptr};
   auto built = build_levels(input, *writer, progress, progress_from);
+  store_pages.reset();  // finish() ends the map
   if (built) {
     m.levels = std::move(built->levels);
     m.shard_cut_level = built->shard_cut_level;
