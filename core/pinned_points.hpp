@@ -25,6 +25,8 @@ class PinnedPoints {
       : points_(points), filter_(filter) {}
 
   bool empty() const { return points_.empty(); }
+  /// All of them, ascending by (y, x).
+  std::span<const LatticePoint> points() const { return points_; }
 
   /// The height of (x, y), x in [0, lattice width), if it is pinned.
   std::optional<std::int32_t> find(std::int64_t x, std::int64_t y) const {

@@ -25,7 +25,7 @@ constexpr mdb_mode_t kFileMode = 0644;
 constexpr std::size_t kMapBytes = std::size_t{1} << 38;
 // A transaction's dirty pages are in memory, and what is not committed is lost in a crash. LMDB's pages depend on where
 // transactions end, so that must depend on nothing but what is written.
-constexpr std::size_t kCommitBytes = std::size_t{4} << 20;
+constexpr std::size_t kCommitBytes = std::size_t{1} << 20;
 
 std::array<std::uint8_t, kKeyBytes> key_bytes(const PieceKey& key) {
   const PieceKey k = key.canonical();
@@ -182,6 +182,7 @@ struct TileStoreWriter::Impl {
   MDB_txn* txn = nullptr;
   MDB_dbi dbi = 0;
   std::size_t uncommitted_bytes = 0;
+  bool has_committed = false;
   std::optional<std::array<std::uint8_t, kKeyBytes>> last_earlier;  // largest key that an earlier writer left
   bool had_manifest = false;
   Fnv1a hash;
@@ -285,6 +286,7 @@ Result<void> TileStoreWriter::append(const PieceKey& key, ByteView value) {
   if (is_earlier) return {};  // the earlier writer committed here
   const int code = mdb_txn_commit(std::exchange(impl_->txn, nullptr));
   if (code != 0) return tl::unexpected(lmdb_error(impl_->path, "writing", code));
+  impl_->has_committed = true;
   if (const int begun = mdb_txn_begin(impl_->env, nullptr, 0, &impl_->txn)) {
     return tl::unexpected(lmdb_error(impl_->path, "writing", begun));
   }
@@ -295,7 +297,7 @@ std::optional<ByteView> TileStoreWriter::find(const PieceKey& key) const {
   return get(impl_->txn, impl_->dbi, key_bytes(key));
 }
 
-bool TileStoreWriter::has_pieces() const { return impl_->last_earlier.has_value(); }
+bool TileStoreWriter::has_pieces() const { return impl_->last_earlier.has_value() || impl_->has_committed; }
 
 std::optional<ByteView> TileStoreWriter::find_earlier(const PieceKey& key) const {
   if (!impl_->last_earlier || key_bytes(key) > *impl_->last_earlier) return std::nullopt;

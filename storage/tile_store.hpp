@@ -86,7 +86,7 @@ class TileStoreWriter {
   /// Appends one piece. `value`: what pack_value made. kIo on a full disk; kCorrupt when an earlier writer left another
   /// value there.
   Result<void> append(const PieceKey& key, ByteView value);
-  /// Whether an earlier writer left anything to go on with.
+  /// Whether there is anything on disk to go on with, of an earlier writer or of this one.
   bool has_pieces() const;
   /// The value that an earlier writer left under `key`. nullopt: none. The view is valid until the next append.
   std::optional<ByteView> find_earlier(const PieceKey& key) const;

@@ -258,21 +258,33 @@ Result<BuildReport> build_pyramid(const BuildOptions& options, Progress& progres
       options.threads > 0 ? options.threads : static_cast<int>(std::max(1u, std::thread::hardware_concurrency()));
   const auto folder = std::filesystem::path(options.output).parent_path();
   const std::string scratch_dir = folder.empty() ? "." : folder.string();
-  if (auto loaded = source->load(lattice, options.base_height_m, options.falloff_posts, scratch_dir, report.threads,
-                                 [&](double fraction) { progress.update(kReadShare * fraction, "reading"); });
+  // What is stored stays for a later run.
+  const auto give_up = [&](Error error) -> tl::unexpected<Error> {
+    store_pages.reset();
+    if (error.kind != ErrorKind::kIo && error.kind != ErrorKind::kInterrupted) return tl::unexpected(std::move(error));
+    if (writer->has_pieces()) {
+      unfinished->keep();
+      error.message += "; what is done is kept: the same command with --resume goes on from there";
+    } else {
+      error.message += "; nothing was written";
+    }
+    return tl::unexpected(std::move(error));
+  };
+  if (auto loaded = source->load(
+          lattice, options.base_height_m, options.falloff_posts, scratch_dir, report.threads,
+          [&](double fraction) { progress.update(kReadShare * fraction, "reading"); }, options.cancel);
       !loaded) {
-    return tl::unexpected(loaded.error());
+    return give_up(loaded.error());
   }
   print_notes();
   report.read_seconds = seconds_since(start);
   report.counts = source->counts();
 
   const auto line_start = std::chrono::steady_clock::now();
-  if (options.lines.drainage) progress.update(kReadShare, "drainage");
   const auto lines =
       make_surface_lines(source->field(), *table, options.lines, scratch_dir, report.threads, options.cancel,
                          [&](double fraction) { progress.update(kReadShare + kLineShare * fraction, "drainage"); });
-  if (!lines) return tl::unexpected(lines.error());
+  if (!lines) return give_up(lines.error());
   for (const std::string& note : lines->notes) progress.note(note);
   report.drainage = lines->drainage;
   report.drainage_cells = lines->drainage_cells;
@@ -298,16 +310,7 @@ Result<BuildReport> build_pyramid(const BuildOptions& options, Progress& progres
     auto done = writer->finish(pack_value(Bytes(manifest.begin(), manifest.end())));
     if (!done) built = tl::unexpected(done.error());
   }
-  if (!built) {
-    Error error = built.error();
-    if (writer->has_pieces()) {
-      unfinished->keep();
-      error.message += "; what is done is kept: the same command with --resume goes on from there";
-    } else {
-      error.message += "; nothing was written";
-    }
-    return tl::unexpected(std::move(error));
-  }
+  if (!built) return give_up(built.error());
   std::error_code code;
   report.file_bytes = std::filesystem::file_size(unfinished->path(), code);
   if (earlier) report.changed_tiles = changed_tiles(m, earlier->manifest, built->changed);

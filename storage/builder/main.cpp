@@ -11,11 +11,8 @@
 #include "storage/builder/build.hpp"
 #include "storage/builder/build_arguments.hpp"
 #include "storage/builder/interrupt.hpp"
-<<<<<<< HEAD
-#include "storage/builder/plan_command.hpp"
-=======
 #include "storage/builder/merge_command.hpp"
->>>>>>> 18a670f (builder: builds go on after an interruption; shards and merge; updates rebuild what changed)
+#include "storage/builder/plan_command.hpp"
 #include "storage/builder/report.hpp"
 #include "storage/builder/update_command.hpp"
 #include "storage/report/report_command.hpp"
@@ -26,12 +23,10 @@ struct Command {
   std::string_view name;
   int (*run)(int argc, char** argv);
 };
-<<<<<<< HEAD
-constexpr Command kCommands[] = {{"plan", tind::plan_main}, {"report", tind::report_main}};
-=======
-constexpr Command kCommands[] = {
-    {"merge", tind::merge_main}, {"report", tind::report_main}, {"update", tind::update_main}};
->>>>>>> 18a670f (builder: builds go on after an interruption; shards and merge; updates rebuild what changed)
+constexpr Command kCommands[] = {{"merge", tind::merge_main},
+                                 {"plan", tind::plan_main},
+                                 {"report", tind::report_main},
+                                 {"update", tind::update_main}};
 
 // A report that cannot be written is known before the long work starts.
 bool can_write(const std::string& path) { return path.empty() || std::ofstream(path, std::ios::app).good(); }

@@ -100,15 +100,15 @@ void add_points(Digest& digest, const HeightField& field, const TileKey& key) {
     });
   }
   add_all(digest, posts);
+  const std::span<const LatticePoint> all = field.pinned.points();
   std::vector<std::int64_t> pinned;
-  auto at = std::lower_bound(field.pinned.begin(), field.pinned.end(), std::pair{south, west},
-                             [](const LatticePoint& p, const auto& yx) {
-                               return std::pair{p.y, p.x} < yx;
-                             });
-  while (at != field.pinned.end() && at->y <= south + side) {
+  auto at = std::lower_bound(all.begin(), all.end(), std::pair{south, west}, [](const LatticePoint& p, const auto& yx) {
+    return std::pair{p.y, p.x} < yx;
+  });
+  while (at != all.end() && at->y <= south + side) {
     if (at->x < west || at->x > west + side) {  // on to the next row that can meet the tile
       const std::pair next = at->x < west ? std::pair{at->y, west} : std::pair{at->y + 1, west};
-      at = std::lower_bound(at, field.pinned.end(), next, [](const LatticePoint& p, const auto& yx) {
+      at = std::lower_bound(at, all.end(), next, [](const LatticePoint& p, const auto& yx) {
         return std::pair{p.y, p.x} < yx;
       });
       continue;

@@ -1,0 +1,240 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// A build that is stopped in any way and gone on with has the bytes of one that was not.
+#include <signal.h>
+#include <sys/mount.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <chrono>
+#include <cstdlib>
+#include <filesystem>
+#include <fmt/format.h>
+#include <random>
+#include <thread>
+
+#include "tests/e2e/build_program.hpp"
+
+namespace tind::test {
+namespace {
+
+using ::testing::HasSubstr;
+namespace fs = std::filesystem;
+
+constexpr int kInterrupted = 1;
+
+// How often each stop is tried; TIND_KILLS=100 is the long run.
+int n_kills() {
+  const char* text = std::getenv("TIND_KILLS");
+  return text ? std::max(1, std::atoi(text)) : 12;
+}
+
+class BuildInterrupted : public BuildProgram {
+ protected:
+  void SetUp() override {
+    for (const char* name : {"N36W118", "N36W119", "N37W118", "N37W119"}) {
+      const std::string path = fmt::format("{}/raster/sierra-2x2/{}.hgt", TIND_SHARED_DATA, name);
+      if (!fs::exists(path)) GTEST_SKIP() << path << " is not there";
+      inputs_.push_back(path);
+    }
+    const auto start = std::chrono::steady_clock::now();
+    whole_ = folder.file("whole.tind");
+    ASSERT_EQ(build(command(whole_)).status, 0);
+    seconds_ = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+    bytes_ = read_file(whole_);
+    ASSERT_GT(bytes_.size(), 4'000'000u) << "too little to be on disk before the end";
+  }
+
+  std::vector<std::string> command(const std::string& to, const std::vector<std::string>& more = {}) const {
+    std::vector<std::string> arguments = inputs_;
+    arguments.insert(arguments.end(), {"-o", to, "--tolerance", "20"});
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    return arguments;
+  }
+
+  // Runs the build and sends it `signal` after a while; its status.
+  static int build_and_kill(const std::vector<std::string>& arguments, int signal, double after_s) {
+    pid_t child = -1;
+    std::thread killer;
+    const pid_t self = fork();
+    if (self == 0) {
+      std::vector<std::string> all = arguments;
+      all.emplace_back("-q");
+      const std::string path = std::string(TIND_BIN_DIR) + "/tind-build";
+      std::vector<char*> argv = {const_cast<char*>(path.c_str())};
+      for (const auto& a : all) argv.push_back(const_cast<char*>(a.c_str()));
+      argv.push_back(nullptr);
+      if (!std::freopen("/dev/null", "w", stderr)) _exit(126);
+      execv(path.c_str(), argv.data());
+      _exit(127);
+    }
+    child = self;
+    std::this_thread::sleep_for(std::chrono::duration<double>(after_s));
+    kill(child, signal);
+    int status = 0;
+    waitpid(child, &status, 0);
+    return WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
+  }
+
+  // The same command with --resume ends with the whole build's bytes and leaves nothing beside them.
+  void expect_resumed(const std::string& to, const std::string& how) const {
+    const auto resumed = build(command(to, {"--resume"}));
+    EXPECT_EQ(resumed.status, 0) << how << ": " << resumed.err;
+    EXPECT_TRUE(read_file(to) == bytes_) << how;
+    EXPECT_FALSE(fs::exists(to + ".partial")) << how;
+    EXPECT_FALSE(fs::exists(to + ".partial.json")) << how;
+  }
+
+  std::vector<std::string> inputs_;
+  std::string whole_, bytes_;
+  double seconds_ = 0;
+};
+
+TEST_F(BuildInterrupted, KilledAtAnyMomentItGoesOnToTheSameBytes) {
+  std::mt19937 random(4);
+  std::uniform_real_distribution<double> when(0, 1);
+  int n_with_work = 0, n_stopped = 0;
+  for (int k = 0; k < n_kills(); ++k) {
+    const std::string to = folder.file(fmt::format("killed{}.tind", k));
+    const int signal = k % 3 == 2 ? SIGTERM : SIGKILL;
+    const double after = when(random) * seconds_;
+    const int status = build_and_kill(command(to), signal, after);
+    n_stopped += status != 0;
+    std::error_code code;
+    n_with_work += fs::file_size(to + ".partial", code) > 1'000'000 && !code;
+    // Now and then the second run is killed, too.
+    if (k % 4 == 3) build_and_kill(command(to, {"--resume"}), SIGKILL, when(random) * seconds_);
+    expect_resumed(to, fmt::format("signal {} after {:.3f} s", signal, after));
+    fs::remove(to);
+  }
+  EXPECT_GT(n_stopped, n_kills() / 2);
+  EXPECT_GT(n_with_work, 0) << "no kill came when there was something to go on with";
+}
+
+TEST_F(BuildInterrupted, BrokenDiskThenGoesOn) {
+  std::mt19937 random(5);
+  std::uniform_int_distribution<int> when(1, 60);
+  for (int k = 0; k < std::max(2, n_kills() / 4); ++k) {
+    const std::string to = folder.file(fmt::format("broken{}.tind", k));
+    const int after = when(random);
+    const auto failed = build(command(to), [after] {
+      setenv("LD_PRELOAD", TIND_FAILING_WRITES, 1);
+      setenv("TIND_FAIL_AFTER", std::to_string(after).c_str(), 1);
+    });
+    EXPECT_EQ(failed.status, 1) << "after " << after << " writes: " << failed.err;
+    EXPECT_EQ(count_lines(failed.err), 1u) << failed.err;
+    EXPECT_FALSE(fs::exists(to));
+    expect_resumed(to, fmt::format("EIO after {} writes", after));
+    fs::remove(to);
+  }
+}
+
+TEST_F(BuildInterrupted, FullDiskThenGoesOn) {
+  const std::string disk = folder.file("disk");
+  fs::create_directory(disk);
+  if (mount("tind-e2e", disk.c_str(), "tmpfs", 0, "size=600m") != 0) {
+    GTEST_SKIP() << "cannot mount a small tmpfs here (needs root): the full disk was not tried";
+  }
+  std::mt19937 random(6);
+  std::uniform_int_distribution<int> fill(1, 6);
+  int n_full = 0;
+  for (int k = 0; k < std::max(2, n_kills() / 4); ++k) {
+    const std::string to = disk + "/full.tind";
+    // Room for the working copy of the posts and a few megabytes of the pyramid; the disk fills while it is written.
+    const std::string ballast = disk + "/ballast";
+    const auto first = build(command(to), [&] {
+      const pid_t filler = fork();
+      if (filler != 0) return;
+      // Takes all but a few megabytes as soon as the posts have their place.
+      for (int waited = 0; waited < 1000 && !fs::exists(to + ".partial"); ++waited) usleep(5000);
+      usleep(400'000);
+      const auto space = fs::space(disk);
+      const auto keep = static_cast<std::uintmax_t>(fill(random)) << 20;
+      std::FILE* file = std::fopen(ballast.c_str(), "wb");
+      const std::vector<char> megabyte(1 << 20);
+      for (std::uintmax_t n = keep; file && n < space.available; n += megabyte.size()) {
+        if (std::fwrite(megabyte.data(), 1, megabyte.size(), file) != megabyte.size()) break;
+      }
+      if (file) std::fclose(file);
+      _exit(0);
+    });
+    if (first.status != 0) {
+      ++n_full;
+      EXPECT_EQ(first.status, 1);
+      EXPECT_THAT(first.err, testing::AnyOf(HasSubstr("space"), HasSubstr("full"))) << first.err;
+    }
+    fs::remove(ballast);
+    if (first.status != 0) expect_resumed(to, "full disk");
+    fs::remove(to);
+  }
+  EXPECT_EQ(umount(disk.c_str()), 0);
+  EXPECT_GT(n_full, 0) << "the disk never filled in time";
+}
+
+TEST_F(BuildInterrupted, StoppedBuildIsNotDroppedWithoutAWord) {
+  const std::string to = folder.file("stopped.tind");
+  ASSERT_EQ(build_and_kill(command(to), SIGKILL, seconds_ * 0.7), 128 + SIGKILL);
+  ASSERT_TRUE(fs::exists(to + ".partial"));
+  const auto again = build(command(to));
+  EXPECT_EQ(again.status, 1);
+  EXPECT_THAT(again.err, HasSubstr("--resume"));
+  EXPECT_TRUE(fs::exists(to + ".partial"));
+  // Another option, another input: refused by name, and what is there stays.
+  const auto other = build(command(to, {"--resume", "--base-height", "7"}));
+  EXPECT_EQ(other.status, 1);
+  EXPECT_THAT(other.err, HasSubstr("base_height_m was 0.0, is 7.0"));
+  inputs_.pop_back();
+  const auto fewer = build(command(to, {"--resume"}));
+  EXPECT_EQ(fewer.status, 1);
+  EXPECT_THAT(fewer.err, HasSubstr("N37W119.hgt"));
+  EXPECT_TRUE(fs::exists(to + ".partial"));
+  inputs_.push_back(std::string(TIND_SHARED_DATA) + "/raster/sierra-2x2/N37W119.hgt");
+  expect_resumed(to, "after refusals");
+  // Done is done.
+  EXPECT_EQ(build(command(to, {"--resume"})).status, 0);
+  EXPECT_TRUE(read_file(to) == bytes_);
+}
+
+TEST_F(BuildInterrupted, TermStopsWithinSecondsAndSaysHowToGoOn) {
+  const std::string to = folder.file("term.tind");
+  const auto start = std::chrono::steady_clock::now();
+  EXPECT_EQ(build_and_kill(command(to), SIGTERM, seconds_ * 0.5), kInterrupted);
+  EXPECT_LT(std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count(), seconds_ * 0.5 + 10);
+  EXPECT_FALSE(fs::exists(to));
+  expect_resumed(to, "SIGTERM");
+}
+
+TEST_F(BuildInterrupted, ShardsJoinToTheWhole) {
+  std::vector<std::string> merge = {"merge"};
+  for (int k = 0; k < 4; ++k) {
+    const std::string to = folder.file(fmt::format("shard{}.tind", k));
+    ASSERT_EQ(build(command(to, {"--shard", fmt::format("{}/4", k)})).status, 0);
+    EXPECT_LT(fs::file_size(to), bytes_.size());
+    merge.push_back(to);
+  }
+  const std::string joined = folder.file("joined.tind");
+  std::vector<std::string> missing(merge.begin(), merge.end() - 1);
+  missing.insert(missing.end(), {"-o", joined});
+  const auto refused = build(missing);
+  EXPECT_EQ(refused.status, 1);
+  EXPECT_THAT(refused.err, HasSubstr("shards are missing: 3/4"));
+  EXPECT_FALSE(fs::exists(joined));
+  std::swap(merge[1], merge[3]);  // any order
+  merge.insert(merge.end(), {"-o", joined});
+  const auto merged = build(merge);
+  EXPECT_EQ(merged.status, 0) << merged.err;
+  EXPECT_TRUE(read_file(joined) == bytes_);
+  // A whole pyramid is no shard; a shard of another build does not match.
+  EXPECT_THAT(build({"merge", whole_, "-o", folder.file("x.tind")}).err, HasSubstr("no shard"));
+  ASSERT_EQ(build(command(merge[1], {"--shard", "3/4", "--force", "--base-height", "3"})).status, 0);
+  const auto mixed = build([&] {
+    auto arguments = merge;
+    arguments.emplace_back("--force");
+    return arguments;
+  }());
+  EXPECT_EQ(mixed.status, 1);
+  EXPECT_THAT(mixed.err, HasSubstr("base_height_m"));
+  EXPECT_TRUE(read_file(joined) == bytes_);
+}
+
+}  // namespace
+}  // namespace tind::test
