@@ -101,13 +101,17 @@ void TileExtractor::extract(const Mesh& mesh, std::int32_t n_ring, TileSurface& 
   }
   for (std::size_t k = 1; k < first_.size(); ++k) first_[k] += first_[k - 1];
   surface.triangles.resize(n_faces);
-  for (const Triangle& t : turned_) {
+  faces_.resize(n_faces);
+  for (std::size_t f = 0; f < n_faces; ++f) {
+    const Triangle& t = turned_[f];
     // Those of one vertex are a handful: each goes to its place among those that are there.
     std::uint32_t at = first_[t[0]]++;
     for (; at > 0 && surface.triangles[at - 1][0] == t[0] && surface.triangles[at - 1][1] > t[1]; --at) {
       surface.triangles[at] = surface.triangles[at - 1];
+      faces_[at] = faces_[at - 1];
     }
     surface.triangles[at] = t;
+    faces_[at] = static_cast<std::int32_t>(f);
   }
 }
 
@@ -138,7 +142,7 @@ void TileExtractor::measure_window(const Mesh& mesh, const TilePosts& posts, con
   const double beyond = side + 4 * nudge;
   const auto moved = [&](double at, double last) { return at == 0 ? -4 * nudge : at == side ? last : at; };
   Errors found;
-  for (std::int32_t f = 0; f < mesh.n_faces(); ++f) {
+  for (const std::int32_t f : faces_) {
     PlanTriangle plan = mesh.plan_of(f);
     for (int i = 0; i < 3; ++i) {
       plan.x[i] = moved(plan.x[i], end);
@@ -214,7 +218,7 @@ TileExtractor::Errors TileExtractor::measure_one_by_one(const Mesh& mesh, const 
                                                         std::int64_t n_cols) {
   Errors found;
   seen_.assign(static_cast<std::size_t>(w.n_rows * w.n_cols), 0);
-  for (std::int32_t f = 0; f < mesh.n_faces(); ++f) {
+  for (const std::int32_t f : faces_) {
     const FacePlane plane = scanner.plane_of(f);
     TilePosts::for_rows(mesh.plan_of(f), w, [&](std::int64_t r, std::int64_t c_first, std::int64_t c_last) {
       if (r >= n_rows) return;
@@ -236,7 +240,7 @@ void TileExtractor::measure_points(const Mesh& mesh, const TilePosts& posts, con
   const double nudge = posts.nudge(), end = side - nudge;
   const double end_y = at_pole ? std::numeric_limits<double>::infinity() : end;
   seen_.assign(posts.n_points(), 0);
-  for (std::int32_t f = 0; f < mesh.n_faces(); ++f) {
+  for (const std::int32_t f : faces_) {
     const FacePlane plane = scanner.plane_of(f);
     posts.for_points(mesh.plan_of(f), [&](std::uint32_t k, const TilePoint& p) {
       if (seen_[k] != 0 || p.x < -nudge || p.y < -nudge || p.x >= end || p.y >= end_y) return;

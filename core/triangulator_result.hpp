@@ -18,7 +18,7 @@ class TileExtractor {
   /// vertices of the mesh are the ring, in local order.
   void extract(const Mesh& mesh, std::int32_t n_ring, TileSurface& surface);
 
-  /// Error and RMSE at the source's own posts with west <= X < east, south <= Y < north, each counted once
+  /// Of the mesh extracted last: error and RMSE at the source's own posts with west <= X < east, south <= Y < north, each counted once
   /// (docs/format.md 5). `at_pole`: nothing lies north of the tile, so the posts on its north side count, too.
   void measure(const Mesh& mesh, const TilePosts& posts, const FaceScanner& scanner, double side, bool at_pole,
                TileStats& stats);
@@ -43,6 +43,7 @@ class TileExtractor {
   std::vector<LocalVertex> interior_;
   std::vector<Triangle> turned_;
   std::vector<std::uint32_t> order_, index_, first_;  // of the interior; per vertex: local order, next triangle
+  std::vector<std::int32_t> faces_;                   // in the order of the triangles: near ones lie together
   std::vector<std::uint8_t> seen_;                    // per post
 };
 
