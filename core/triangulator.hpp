@@ -43,7 +43,7 @@ struct TileSurface {
 /// post until every post of the tile is within the tolerance, also when virtual triangles are tessellated to any finer
 /// border (the guard of DESIGN "Seams"), and when positions and heights are rounded as quantized-mesh rounds them.
 /// Posts outside the grid are the level's own 256 x 256 grid at the base height. Irregular posts count as those of the
-/// grid do; interpolated posts of the grid are held to nothing. The one door to CGAL. Pure: the same
+/// grid do; interpolated posts of the grid are held to nothing. Pure: the same
 /// task gives the same bytes; thread safe.
 TileSurface triangulate(const HeightField& field, const TileTask& task);
 
