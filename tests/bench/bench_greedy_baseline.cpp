@@ -2,11 +2,13 @@
 // The reference: plain greedy triangulation of all posts of a DEM in ONE mesh with CGAL (Garland & Heckbert 1995): no
 // tiles, borders, seeds, nesting or guard. What a pyramid's level costs more than this is the price of seams and
 // levels. It is to be as fast as plain CGAL allows; what was tried is in docs/performance.md.
-//   bench_greedy_baseline DEM TOLERANCE_M...         prints vertices and processor seconds, a JSON object a line
+//   bench_greedy_baseline [--own-predicates] DEM TOLERANCE_M...
+//                                                    prints vertices and processor seconds, a JSON object a line
 //   bench_greedy_baseline DEM --report REPORT.json   adds the overhead to each level of a report of tind-build and
 //   prints it
 
 #include <CGAL/Delaunay_triangulation_2.h>
+#include <CGAL/Exact_predicates_inexact_constructions_kernel.h>
 #include <CGAL/Simple_cartesian.h>
 #include <CGAL/Triangulation_face_base_with_info_2.h>
 #include <CGAL/Triangulation_vertex_base_with_info_2.h>
@@ -37,9 +39,12 @@ struct Posts {
   long n_rows = 0, n_cols = 0;
 };
 
-// Positions are whole numbers below 2^15, so doubles and the test below decide exactly what CGAL's exact kernel
-// decides, at less cost. Points on one circle keep the diagonal that they have: CGAL's symbolic perturbation prefers
-// one direction on a grid, which makes 4 % more vertices, and takes time.
+using PlainKernel = CGAL::Exact_predicates_inexact_constructions_kernel;
+
+// What is left to gain by leaving plain CGAL (--own-predicates). Positions are whole numbers below 2^15, so doubles and
+// the test below decide exactly what CGAL's exact kernel decides, at less cost. Points on one circle keep the diagonal
+// that they have: CGAL's symbolic perturbation prefers one direction on a grid, which makes 4 % more vertices, and
+// takes time.
 constexpr long kMostPostsPerSide = 1 << 15;
 
 struct GridKernel : CGAL::Simple_cartesian<double> {
@@ -71,19 +76,17 @@ struct GridKernel : CGAL::Simple_cartesian<double> {
   Side_of_oriented_circle_2 side_of_oriented_circle_2_object() const { return {}; }
 };
 
-using VertexBase = CGAL::Triangulation_vertex_base_with_info_2<float, GridKernel>;      // height
-using FaceBase = CGAL::Triangulation_face_base_with_info_2<std::uint64_t, GridKernel>;  // key of its candidate
-using Mesh = CGAL::Delaunay_triangulation_2<GridKernel, CGAL::Triangulation_data_structure_2<VertexBase, FaceBase>>;
-
 /// The worst post of a face. `key`: the bits of its error (f32, positive, so they order as it does), then the inverted
 /// index of the post. An entry is out of date when its face has another key by now.
+template <class FaceHandle>
 struct Candidate {
   std::uint64_t key;
-  Mesh::Face_handle face;
+  FaceHandle face;
 };
 
 /// Candidates by error, in buckets 1/2048 of an octave wide, the last pushed first within one: one cache line an entry
 /// where a heap of a million takes twenty.
+template <class Candidate>
 class BucketQueue {
  public:
   bool empty() const { return size_ == 0; }
@@ -116,7 +119,14 @@ struct Corner {
   float z;
 };
 
+template <class Kernel>
 class Greedy {
+  using VertexBase = CGAL::Triangulation_vertex_base_with_info_2<float, Kernel>;      // height
+  using FaceBase = CGAL::Triangulation_face_base_with_info_2<std::uint64_t, Kernel>;  // key of its candidate
+  using Mesh = CGAL::Delaunay_triangulation_2<Kernel, CGAL::Triangulation_data_structure_2<VertexBase, FaceBase>>;
+  using FaceHandle = typename Mesh::Face_handle;
+  using VertexHandle = typename Mesh::Vertex_handle;
+
  public:
   Greedy(const Posts& posts, double tolerance_m) : posts_(posts), tolerance_m_(static_cast<float>(tolerance_m)) {}
 
@@ -126,7 +136,7 @@ class Greedy {
     }
     for (const auto f : mesh_.finite_face_handles()) scan(f);
     while (!queue_.empty()) {
-      const Candidate best = queue_.pop();
+      const Candidate<FaceHandle> best = queue_.pop();
       if (best.face->info() != best.key) continue;
       const std::uint32_t index = ~static_cast<std::uint32_t>(best.key);
       const auto v = insert(index / static_cast<std::uint32_t>(posts_.n_cols),
@@ -141,15 +151,15 @@ class Greedy {
   }
 
  private:
-  static GridKernel::Point_2 point(long r, long c) { return {static_cast<double>(c), static_cast<double>(r)}; }
+  static typename Kernel::Point_2 point(long r, long c) { return {static_cast<double>(c), static_cast<double>(r)}; }
 
-  void set_height(Mesh::Vertex_handle v, long r, long c) const {
+  void set_height(VertexHandle v, long r, long c) const {
     const float z = posts_.heights_m[static_cast<std::size_t>(r * posts_.n_cols + c)];
     v->info() = z == z ? z : 0.0f;
   }
 
   // The post lies in the face or on one of its edges: told here, so that CGAL need not look for it.
-  Mesh::Vertex_handle insert(long r, long c, Mesh::Face_handle face) {
+  VertexHandle insert(long r, long c, FaceHandle face) {
     std::array<double, 3> x, y;
     for (int k = 0; k < 3; ++k) {
       x[k] = face->vertex(k)->point().x() - static_cast<double>(c);
@@ -165,7 +175,7 @@ class Greedy {
     return v;
   }
 
-  void scan(Mesh::Face_handle f) {
+  void scan(FaceHandle f) {
     f->info() = 0;
     std::array<Corner, 3> v;
     for (int k = 0; k < 3; ++k) {
@@ -227,7 +237,7 @@ class Greedy {
   const Posts& posts_;
   const float tolerance_m_;
   Mesh mesh_;
-  BucketQueue queue_;
+  BucketQueue<Candidate<FaceHandle>> queue_;
 };
 
 /// Processor seconds of this process so far, user and system.
@@ -248,7 +258,7 @@ int add_to_report(const Posts& posts, const std::string& path) {
   fmt::print("{:>5} {:>10} {:>10} {:>10} {:>9} {:>7} {:>8} {:>10} {:>12}\n", "level", "E_L m", "plain", "tind",
              "outside", "seeds", "border", "overhead %", "apart from *");
   for (auto& level : report["levels"]) {
-    const auto plain = Greedy(posts, level["tolerance_m"]).run();
+    const auto plain = Greedy<GridKernel>(posts, level["tolerance_m"]).run();
     const auto count = [&](const char* name) { return level[name].get<double>(); };
     const double vertices = count("vertices") - count("vertices_outside");
     const double border = count("vertices_border") + count("vertices_corner");
@@ -292,8 +302,14 @@ tind::Result<Posts> read_posts(const std::string& path) {
 }  // namespace
 
 int main(int argc, char** argv) {
+  const bool own_predicates = argc > 1 && std::string_view(argv[1]) == "--own-predicates";
+  if (own_predicates) {
+    --argc;
+    ++argv;
+  }
   if (argc < 3) {
-    fmt::print(stderr, "usage: bench_greedy_baseline DEM TOLERANCE_M... | DEM --report REPORT.json\n");
+    fmt::print(stderr,
+               "usage: bench_greedy_baseline [--own-predicates] DEM TOLERANCE_M... | DEM --report REPORT.json\n");
     return 2;
   }
   const auto posts = read_posts(argv[1]);
@@ -305,7 +321,8 @@ int main(int argc, char** argv) {
   const double reading_s = processor_s();
   for (int i = 2; i < argc; ++i) {
     const double start_s = processor_s(), tolerance_m = std::atof(argv[i]);
-    const std::size_t n_vertices = Greedy(*posts, tolerance_m).run();
+    const std::size_t n_vertices =
+        own_predicates ? Greedy<GridKernel>(*posts, tolerance_m).run() : Greedy<PlainKernel>(*posts, tolerance_m).run();
     fmt::print(
         "{{\"tolerance_m\": {}, \"posts\": {}, \"vertices\": {}, \"meshing_cpu_s\": {:.2f}, \"reading_cpu_s\": "
         "{:.2f}}}\n",
