@@ -6,15 +6,14 @@
 
 #include <algorithm>
 #include <chrono>
-#include <cmath>
 #include <filesystem>
-#include <numbers>
 #include <optional>
 #include <thread>
 
 #include "storage/builder/earlier_pyramid.hpp"
 #include "storage/builder/output_file.hpp"
 #include "storage/builder/resident_limit.hpp"
+#include "storage/builder/source_levels.hpp"
 #include "storage/builder/unfinished_output.hpp"
 #include "storage/builder/version.hpp"
 #include "storage/tile_store.hpp"
@@ -197,16 +196,7 @@ Result<BuildReport> build_pyramid(const BuildOptions& options, Progress& progres
   print_notes();
 
   Lattice lattice;
-  LevelOptions level_options = options.levels;
-  level_options.irregular_posts = source->has_points();
-  level_options.metres_per_degree = lattice.ellipsoid.semi_major_m * std::numbers::pi / 180;
-  if (options.metres == BuildOptions::Metres::kMidLatitude) {
-    const auto [west, south, east, north] = source->bounds_deg();
-    level_options.metres_per_degree *= std::cos((south + north) / 2 * std::numbers::pi / 180);
-  } else if (const auto own = source->own_spacing_m(); own && options.metres == BuildOptions::Metres::kAuto) {
-    level_options.metres_per_degree = *own / source->lon_spacing_deg();
-  }
-  const auto table = make_level_table(source->lon_spacing_deg(), source->lat_spacing_deg(), level_options);
+  const auto table = make_source_levels(*source, options);
   if (!table) return tl::unexpected(table.error());
   lattice.level = table->lattice_level;
   lattice.height_exponent = table->height_exponent;

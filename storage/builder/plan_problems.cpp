@@ -11,6 +11,7 @@
 #include <utility>
 
 #include "storage/builder/output_file.hpp"
+#include "storage/builder/unfinished_output.hpp"
 
 namespace tind {
 namespace {
@@ -178,13 +179,10 @@ void add_output_problems(const BuildOptions& options, Forecast& forecast) {
   std::error_code code;
   const fs::path output(options.output);
   const fs::path folder = output.has_parent_path() ? output.parent_path() : fs::path(".");
-  for (const auto& entry : fs::directory_iterator(folder, code)) {
-    const std::string name = entry.path().filename().string();
-    const std::string start = output.filename().string() + "-";
-    if (options.resume || name.rfind(start, 0) != 0 || entry.path().extension() != ".tmp") continue;
+  if (!options.resume && UnfinishedOutput::exists_for(options.output)) {
     add(forecast, Weight::kNote, "interrupted_build",
-        fmt::format("{}: of a build that did not come to its end, or is still running", entry.path().string()),
-        "--resume goes on with it where its inputs and options are the same; else it can be deleted");
+        fmt::format("{}: a build of it did not come to its end, or is still running", options.output),
+        "--resume goes on with it where its inputs and options are the same; --force drops it");
   }
   const auto space = fs::space(folder, code);
   if (code) return;

@@ -305,9 +305,11 @@ class PyramidBuilder {
     result.n_interior = body.interior.size();
     result.n_triangles = body.triangles.size();
     result.built = true;
-    const std::int64_t side = field_.lattice.tile_side(key.level);
-    for (const LocalVertex& v : body.interior) {
-      result.made_of.n_outside += is_outside(field_, side * key.x + v.x, side * key.y + v.y);
+    if (body.stats.coverage != TileCoverage::kReal) {
+      const std::int64_t side = field_.lattice.tile_side(key.level);
+      for (const LocalVertex& v : body.interior) {
+        result.made_of.n_outside += is_outside(field_, side * key.x + v.x, side * key.y + v.y);
+      }
     }
     result.made_of.n_inserted = surface.n_inserted;
     result.made_of.n_of_lines = surface.n_of_lines;
@@ -453,12 +455,10 @@ class PyramidBuilder {
     return keys;
   }
 
-  // Share of all levels' work done. Every level looks at every post; each halving of E below a kilometre adds work.
+  // Share of all levels' work done: it goes with the vertices, which are about half as many on each coarser level.
   double work_share(int level, double done_of_level) const {
-    const auto weight = [&](int l) {
-      const double tolerance = table_.levels[static_cast<std::size_t>(l)].tolerance_m;
-      return 1.0 + std::max(0.0, std::log2(1000 / tolerance));
-    };
+    constexpr double kLeastWeight = 0.01;
+    const auto weight = [&](int l) { return std::exp2(l - table_.bottom_level()) + kLeastWeight; };
     double before = 0, all = 0;
     for (int l = 0; l <= table_.bottom_level(); ++l) {
       if (l < level) before += weight(l);
