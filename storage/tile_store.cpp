@@ -25,7 +25,7 @@ constexpr mdb_mode_t kFileMode = 0644;
 constexpr std::size_t kMapBytes = std::size_t{1} << 38;
 // A transaction's dirty pages are in memory, and what is not committed is lost in a crash. LMDB's pages depend on where
 // transactions end, so that must depend on nothing but what is written.
-constexpr std::size_t kCommitBytes = std::size_t{4} << 20;
+constexpr std::size_t kCommitBytes = std::size_t{1} << 20;
 
 std::array<std::uint8_t, kKeyBytes> key_bytes(const PieceKey& key) {
   const PieceKey k = key.canonical();

@@ -215,7 +215,7 @@ class RegionBuilder {
     for (VirtualTriangle& vt : body.virtual_triangles) {
       vt.runs.assign(static_cast<std::size_t>(vt.n_edges) * body.n_gaps, 1);  // how many is told by the edges
     }
-    out.bytes += stored_bytes(pack_value(encode_body(body)).size()) + stored_bytes(4);
+    out.bytes += stored_bytes(pack_body(body).size()) + stored_bytes(4);
     out.vertices += 1 + on_border / 2 + static_cast<double>(body.interior.size());
     interior = std::move(body.interior);
   }

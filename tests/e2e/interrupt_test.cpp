@@ -112,7 +112,7 @@ TEST_F(BuildInterrupted, KilledAtAnyMomentItGoesOnToTheSameBytes) {
 
 TEST_F(BuildInterrupted, BrokenDiskThenGoesOn) {
   std::mt19937 random(5);
-  std::uniform_int_distribution<int> when(1, 60);
+  std::uniform_int_distribution<int> when(1, 24);
   for (int k = 0; k < std::max(2, n_kills() / 4); ++k) {
     const std::string to = folder.file(fmt::format("broken{}.tind", k));
     const int after = when(random);
