@@ -19,33 +19,51 @@ struct PostAt {
   }
 };
 
+// Compiled for wide registers, too, and chosen when the program starts. No operation is fused, so the bytes do not
+// depend on the choice.
+#if defined(__x86_64__) && defined(__gnu_linux__) && !defined(__clang__) && !defined(__SANITIZE_THREAD__) && \
+    !defined(__SANITIZE_ADDRESS__)
+#define TIND_WIDE __attribute__((target_clones("avx2", "default")))
+#else
+#define TIND_WIDE
+#endif
+
+// The largest |z + per_col * c - heights[c]| of c_first, c_first + 1, ...: of the n_fours * 4 posts from there on.
+TIND_WIDE double largest_of_fours(const float* heights, std::int64_t c_first, std::int64_t n_fours, double z,
+                                  double per_col) {
+  using Four = double __attribute__((vector_size(32)));
+  using FourFloats = float __attribute__((vector_size(16)));
+  using FourBits = std::int64_t __attribute__((vector_size(32)));
+  const double first = static_cast<double>(c_first);
+  Four cols = {first, first + 1, first + 2, first + 3}, most = {0, 0, 0, 0};
+  for (const float *at = heights + c_first, *end = at + 4 * n_fours; at != end; at += 4, cols += 4.0) {
+    FourFloats h;
+    __builtin_memcpy(&h, at, sizeof h);
+    const Four error = z + per_col * cols - __builtin_convertvector(h, Four);
+    const Four size = reinterpret_cast<Four>(reinterpret_cast<FourBits>(error) & INT64_MAX);
+    most = size > most ? size : most;
+  }
+  return std::max(std::max(most[0], most[1]), std::max(most[2], most[3]));
+}
+
 // The error of a row's posts against z + per_col * column: sets `worst` to the largest above it and returns its column,
 // -1 when there is none. Of equal errors the western one counts. `origins`: null, or interpolated posts are left out.
 std::int64_t worst_in_row(const float* heights, std::int64_t c_first, std::int64_t c_last, double z, double per_col,
                           const PostOrigin* origins, double& worst) {
+  constexpr std::int64_t kLong = 12;
   std::int64_t found = -1, c = c_first;
   const auto error_at = [&](std::int64_t at) {
     return std::abs(z + per_col * static_cast<double>(at) - static_cast<double>(heights[at]));
   };
-  if (origins == nullptr && c_last - c_first >= 7) {
-    using Four = double __attribute__((vector_size(32)));
-    using FourFloats = float __attribute__((vector_size(16)));
-    using FourBits = std::int64_t __attribute__((vector_size(32)));
-    const double first = static_cast<double>(c_first);
-    Four cols = {first, first + 1, first + 2, first + 3}, most = {0, 0, 0, 0};
-    for (; c + 3 <= c_last; c += 4, cols += 4.0) {
-      FourFloats h;
-      __builtin_memcpy(&h, heights + c, sizeof h);
-      const Four error = z + per_col * cols - __builtin_convertvector(h, Four);
-      const Four size = reinterpret_cast<Four>(reinterpret_cast<FourBits>(error) & INT64_MAX);
-      most = size > most ? size : most;
-    }
-    const double largest = std::max(std::max(most[0], most[1]), std::max(most[2], most[3]));
+  if (origins == nullptr && c_last - c_first + 1 >= kLong) {
+    const std::int64_t n_fours = (c_last - c_first + 1) / 4;
+    const double largest = largest_of_fours(heights, c_first, n_fours, z, per_col);
     if (largest > worst) {
       worst = largest;
       found = c_first;
       while (error_at(found) != largest) ++found;
     }
+    c += 4 * n_fours;
   }
   double col = static_cast<double>(c);
   for (; c <= c_last; ++c, ++col) {

@@ -25,9 +25,10 @@ namespace {
 // Share of the whole work that reading takes, for the progress line.
 constexpr double kReadShare = 0.08;
 constexpr double kLineShare = 0.1;
-// Pages of posts and of the store are dropped beyond this share of BuildOptions::memory_bytes: looking and dropping
-// take a moment, and the rest is for what cannot be dropped.
-constexpr double kMapsUpTo = 0.4;
+// Pages of posts and of the store are dropped beyond such a share of BuildOptions::memory_bytes: looking and dropping
+// take a moment, in which drainage and loading touch more than tiles do.
+constexpr double kMapsWhileReading = 0.4;
+constexpr double kMapsWhileBuilding = 0.48;
 
 double seconds_since(std::chrono::steady_clock::time_point start) {
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
@@ -241,7 +242,12 @@ Result<BuildReport> build_pyramid(const BuildOptions& options, Progress& progres
   if (!writer) return tl::unexpected(writer.error());
   if (writer->has_pieces()) progress.note(options.output + ": going on with the interrupted build");
 
-  const ResidentLimit limit(static_cast<std::uint64_t>(static_cast<double>(options.memory_bytes) * kMapsUpTo));
+  std::optional<ResidentLimit> limit;
+  const auto limit_maps = [&](double share) {
+    limit.reset();
+    limit.emplace(static_cast<std::uint64_t>(static_cast<double>(options.memory_bytes) * share));
+  };
+  limit_maps(kMapsWhileReading);
   std::optional<ResidentMap> store_pages(std::in_place, writer->mapped().first, writer->mapped().second);
 
   report.threads =
@@ -289,6 +295,7 @@ Result<BuildReport> build_pyramid(const BuildOptions& options, Progress& progres
   const double progress_from = options.lines.drainage ? kReadShare + kLineShare : kReadShare;
   const PyramidInput input{field,          *table,        lines->pyramid, report.threads,
                            options.cancel, m.shard_index, m.shard_count,  earlier ? &earlier->snapshot : nullptr};
+  limit_maps(kMapsWhileBuilding);
   auto built = build_levels(input, *writer, progress, progress_from);
   store_pages.reset();  // finish() ends the map
   if (built) {
