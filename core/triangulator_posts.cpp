@@ -41,6 +41,8 @@ void TilePosts::find_windows() {
     PostWindow w;
     w.dx = field.dx;
     w.dy = field.dy;
+    w.per_dx = 1 / w.dx;
+    w.per_dy = 1 / w.dy;
     const double x0 = field.x0 + turn - static_cast<double>(west_), y0 = field.y0 - static_cast<double>(south_);
     const auto first = [this](double origin, double step) {
       return std::max<std::int64_t>(0, ceil_of((-origin - nudge_) / step));
@@ -65,6 +67,7 @@ void TilePosts::find_windows() {
   PostWindow grid;
   grid.is_base_grid = true;
   grid.dx = grid.dy = static_cast<double>(side_ / kCellsPerTile);
+  grid.per_dx = grid.per_dy = 1 / grid.dx;
   grid.n_cols = grid.n_rows = kCellsPerTile + 1;
   windows_.push_back(grid);
   find_covered_boxes();

@@ -20,6 +20,7 @@ namespace tind {
 /// A regular grid of posts over a tile, in local lattice steps.
 struct PostWindow {
   double x0 = 0, y0 = 0, dx = 1, dy = 1;  ///< Position of post (0, 0) of the window and spacing.
+  double per_dx = 1, per_dy = 1;          ///< 1 / dx, 1 / dy.
   double slack_x = 0, slack_y = 0;        ///< What counts as nothing, in post spacings.
   std::int64_t n_cols = 0, n_rows = 0;
   std::int64_t field_col = 0, field_row = 0;  ///< Of the window's post (0, 0).
@@ -43,10 +44,9 @@ struct TriangleInPosts {
   }
 
   TriangleInPosts(const PlanTriangle& t, const PostWindow& w) {
-    const double to_col = 1 / w.dx, to_row = 1 / w.dy;
     for (int i = 0; i < 3; ++i) {
-      u[i] = (t.x[i] - w.x0) * to_col;
-      v[i] = (t.y[i] - w.y0) * to_row;
+      u[i] = (t.x[i] - w.x0) * w.per_dx;
+      v[i] = (t.y[i] - w.y0) * w.per_dy;
     }
   }
 };

@@ -287,10 +287,10 @@ Result<void> TileStoreWriter::append(const PieceKey& key, ByteView value) {
   const int code = mdb_txn_commit(std::exchange(impl_->txn, nullptr));
   if (code != 0) return tl::unexpected(lmdb_error(impl_->path, "writing", code));
   impl_->has_committed = true;
-  if (const int begun = mdb_txn_begin(impl_->env, nullptr, 0, &impl_->txn)) {
-    return tl::unexpected(lmdb_error(impl_->path, "writing", begun));
-  }
-  return {};
+  // LMDB keeps freed buffers, and with them old bytes for the gaps of later pages. Opened anew it has none, as after an
+  // interruption; and the pages read so far are given back.
+  mdb_env_close(std::exchange(impl_->env, nullptr));
+  return impl_->open();
 }
 
 std::optional<ByteView> TileStoreWriter::find(const PieceKey& key) const {
@@ -305,12 +305,6 @@ std::optional<ByteView> TileStoreWriter::find_earlier(const PieceKey& key) const
 }
 
 std::string TileStoreWriter::content_hash() const { return impl_->hash.hex(); }
-
-std::pair<void*, std::size_t> TileStoreWriter::mapped() const {
-  MDB_envinfo info{};
-  mdb_env_info(impl_->env, &info);
-  return {info.me_mapaddr, info.me_mapsize};
-}
 
 Result<void> TileStoreWriter::finish(ByteView manifest_value) {
   if (auto done = impl_->put(kManifestKey, manifest_value, impl_->had_manifest); !done) return done;

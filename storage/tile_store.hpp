@@ -4,7 +4,6 @@
 #include <memory>
 #include <optional>
 #include <string>
-#include <utility>
 
 #include "core/format/bytes.hpp"
 #include "core/piece_key.hpp"
@@ -94,8 +93,6 @@ class TileStoreWriter {
   std::optional<ByteView> find(const PieceKey& key) const;
   /// 64-bit FNV-1a over the keys and values appended so far, those of kInputs apart, as 16 hexadecimal digits.
   std::string content_hash() const;
-  /// The memory map, whose resident pages may be given back at any time before finish().
-  std::pair<void*, std::size_t> mapped() const;
   /// Writes the manifest, commits, syncs to disk and closes.
   Result<void> finish(ByteView manifest_value);
 

@@ -248,7 +248,6 @@ Result<BuildReport> build_pyramid(const BuildOptions& options, Progress& progres
     limit.emplace(static_cast<std::uint64_t>(static_cast<double>(options.memory_bytes) * share));
   };
   limit_maps(kMapsWhileReading);
-  std::optional<ResidentMap> store_pages(std::in_place, writer->mapped().first, writer->mapped().second);
 
   report.threads =
       options.threads > 0 ? options.threads : static_cast<int>(std::max(1u, std::thread::hardware_concurrency()));
@@ -256,7 +255,6 @@ Result<BuildReport> build_pyramid(const BuildOptions& options, Progress& progres
   const std::string scratch_dir = folder.empty() ? "." : folder.string();
   // What is stored stays for a later run.
   const auto give_up = [&](Error error) -> tl::unexpected<Error> {
-    store_pages.reset();
     if (error.kind != ErrorKind::kIo && error.kind != ErrorKind::kInterrupted) return tl::unexpected(std::move(error));
     if (writer->has_pieces()) {
       unfinished->keep();
@@ -297,7 +295,6 @@ Result<BuildReport> build_pyramid(const BuildOptions& options, Progress& progres
                            options.cancel, m.shard_index, m.shard_count,  earlier ? &earlier->snapshot : nullptr};
   limit_maps(kMapsWhileBuilding);
   auto built = build_levels(input, *writer, progress, progress_from);
-  store_pages.reset();  // finish() ends the map
   if (built) {
     m.levels = std::move(built->levels);
     m.shard_cut_level = built->shard_cut_level;
