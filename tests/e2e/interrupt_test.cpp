@@ -9,6 +9,7 @@
 #include <cstdlib>
 #include <filesystem>
 #include <fmt/format.h>
+#include <nlohmann/json.hpp>
 #include <random>
 #include <thread>
 
@@ -53,10 +54,8 @@ class BuildInterrupted : public BuildProgram {
 
   // Runs the build and sends it `signal` after a while; its status.
   static int build_and_kill(const std::vector<std::string>& arguments, int signal, double after_s) {
-    pid_t child = -1;
-    std::thread killer;
-    const pid_t self = fork();
-    if (self == 0) {
+    const pid_t child = fork();
+    if (child == 0) {
       std::vector<std::string> all = arguments;
       all.emplace_back("-q");
       const std::string path = std::string(TIND_BIN_DIR) + "/tind-build";
@@ -67,7 +66,6 @@ class BuildInterrupted : public BuildProgram {
       execv(path.c_str(), argv.data());
       _exit(127);
     }
-    child = self;
     std::this_thread::sleep_for(std::chrono::duration<double>(after_s));
     kill(child, signal);
     int status = 0;
@@ -234,6 +232,52 @@ TEST_F(BuildInterrupted, ShardsJoinToTheWhole) {
   EXPECT_EQ(mixed.status, 1);
   EXPECT_THAT(mixed.err, HasSubstr("base_height_m"));
   EXPECT_TRUE(read_file(joined) == bytes_);
+}
+
+TEST_F(BuildInterrupted, UpdateBuildsWhatAPatchChangesAndNoMore) {
+  for (std::string& input : inputs_) {
+    const std::string copy = folder.file(fs::path(input).filename().string());
+    fs::copy_file(input, copy);
+    fs::permissions(copy, fs::perms::owner_write, fs::perm_options::add);
+    input = copy;
+  }
+  const std::string file = folder.file("kept.tind"), tiles = folder.file("tiles.txt"), report = folder.file("r.json");
+  const std::vector<std::string> plain = {"--no-drainage"};
+  ASSERT_EQ(build(command(file, plain)).status, 0);
+  const std::string before = read_file(file);
+  // Nothing changed: the file is left alone.
+  const auto first = fs::last_write_time(file);
+  ASSERT_EQ(build({"update", file, "--changed", inputs_[0]}).status, 0);
+  EXPECT_EQ(fs::last_write_time(file), first);
+  // Three by three posts in the middle of one input, 37 m up.
+  std::string posts = read_file(inputs_[0]);
+  constexpr std::size_t kSide = 1201;
+  for (std::size_t r = 600; r < 603; ++r) {
+    for (std::size_t c = 700; c < 703; ++c) {
+      char* at = &posts[2 * (r * kSide + c)];
+      const int height = static_cast<unsigned char>(at[0]) << 8 | static_cast<unsigned char>(at[1]);
+      at[0] = static_cast<char>((height + 37) >> 8);
+      at[1] = static_cast<char>(height + 37);
+    }
+  }
+  write_file(inputs_[0], posts);
+  const std::string rebuilt = folder.file("rebuilt.tind");
+  ASSERT_EQ(build(command(rebuilt, plain)).status, 0);
+  const auto updated = build({"update", file, "--changed", inputs_[0], "--changed-tiles", tiles, "--report", report});
+  ASSERT_EQ(updated.status, 0) << updated.err;
+  EXPECT_TRUE(read_file(file) != before);
+  EXPECT_TRUE(read_file(file) == read_file(rebuilt));
+  // The patch lies inside one tile of every level.
+  const auto levels = nlohmann::json::parse(read_file(report))["levels"];
+  for (const auto& level : levels) EXPECT_EQ(level["tiles_built"], 1) << level["level"];
+  EXPECT_GE(count_lines(read_file(tiles)), 1u);
+  EXPECT_LE(count_lines(read_file(tiles)), levels.size());
+  // An input that is nowhere is named.
+  fs::remove(inputs_[1]);
+  const auto missing = build({"update", file});
+  EXPECT_EQ(missing.status, 1);
+  EXPECT_THAT(missing.err, HasSubstr(fs::path(inputs_[1]).filename().string()));
+  EXPECT_TRUE(read_file(file) == read_file(rebuilt));
 }
 
 }  // namespace

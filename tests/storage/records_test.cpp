@@ -9,6 +9,7 @@
 #include "core/format/vn.hpp"
 #include "core/tessellation.hpp"
 #include "storage/manifest.hpp"
+#include "storage/inputs_blob.hpp"
 #include "storage/piece_blob.hpp"
 #include "storage/zstd_codec.hpp"
 #include "tests/support/memory_watch.hpp"
@@ -105,6 +106,24 @@ void torment(const Bytes& record, double bytes_a_byte, const std::function<bool(
     }
     try_one(bytes);
   }
+}
+
+TEST(InputsRecord, ComesBackAndSurvivesDamage) {
+  TileInputs inputs;
+  for (std::size_t k = 0; k < inputs.digest.size(); ++k) inputs.digest[k] = static_cast<std::uint8_t>(17 * k);
+  inputs.n_inserted = 300;
+  inputs.n_of_lines = 2;
+  inputs.n_outside = std::uint64_t{1} << 40;
+  inputs.n_left_out = 1;
+  const Bytes record = encode_inputs(inputs);
+  EXPECT_EQ(decode_inputs(record).value(), inputs);
+  for (std::size_t n = 0; n < record.size(); ++n) EXPECT_FALSE(decode_inputs(ByteView(record).first(n))) << n;
+  Bytes longer = record;
+  longer.push_back(0);
+  EXPECT_FALSE(decode_inputs(longer));
+  Bytes other = record;
+  other[0] = 'B';
+  EXPECT_FALSE(decode_inputs(other));
 }
 
 TEST(CornerRecord, ComesBackAndSurvivesDamage) {

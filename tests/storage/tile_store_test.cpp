@@ -181,5 +181,51 @@ TEST_F(TileStoreTest, WriterFindsWhatItWroteAndRefusesAnExistingFile) {
   EXPECT_EQ(second.error().kind, ErrorKind::kIo);
 }
 
+// The same pieces, cut off after `n` of them, gone on with: the bytes are those of one go.
+TEST_F(TileStoreTest, GoneOnWithTheBytesAreTheSame) {
+  // Large enough for several commits, of sizes that leave gaps in pages.
+  std::vector<std::pair<PieceKey, Bytes>> many;
+  for (std::uint32_t y = 0; y < TileKey::count_y(4); ++y) {
+    for (std::uint32_t x = 0; x < TileKey::count_x(4); ++x) {
+      const std::uint32_t size = 1 + (x * 977 + y * 3331) % 17000;
+      many.emplace_back(PieceKey{PieceKind::kBody, 4, x, y}, Bytes(size, static_cast<std::uint8_t>(x + 31 * y)));
+    }
+  }
+  std::sort(many.begin(), many.end(), [](const auto& a, const auto& b) { return a.first < b.first; });
+  const auto write = [&](const std::string& name, std::size_t n, bool finish) {
+    auto writer = TileStoreWriter::go_on(path(name));
+    ASSERT_TRUE(writer) << writer.error().message;
+    for (std::size_t k = 0; k < n; ++k) ASSERT_TRUE(writer->append(many[k].first, many[k].second));
+    if (finish) {
+      ASSERT_TRUE(writer->finish(Bytes{'{', '}'}));
+    }
+  };
+  const auto bytes_of = [&](const std::string& name) {
+    std::ifstream in(path(name), std::ios::binary);
+    return std::string(std::istreambuf_iterator<char>(in), {});
+  };
+  write("whole", many.size(), true);
+  ASSERT_GT(bytes_of("whole").size(), 3'000'000u);
+  for (const std::size_t stop : {std::size_t{1}, many.size() / 3, many.size() / 2, many.size() - 1}) {
+    const std::string name = "stopped" + std::to_string(stop);
+    write(name, stop, false);
+    write(name, many.size(), true);
+    EXPECT_TRUE(bytes_of(name) == bytes_of("whole")) << stop;
+    // Finished already: everything is compared, nothing written.
+    write(name, many.size(), true);
+    EXPECT_TRUE(bytes_of(name) == bytes_of("whole")) << stop;
+  }
+  // Another value where something was committed is no going on.
+  write("other", many.size() / 2, false);
+  auto writer = TileStoreWriter::go_on(path("other"));
+  ASSERT_TRUE(writer);
+  EXPECT_TRUE(writer->has_pieces());
+  EXPECT_TRUE(writer->find_earlier(many[0].first));
+  EXPECT_FALSE(writer->find_earlier(many.back().first));
+  const auto refused = writer->append(many[0].first, Bytes{1, 2, 3});
+  ASSERT_FALSE(refused);
+  EXPECT_EQ(refused.error().kind, ErrorKind::kCorrupt);
+}
+
 }  // namespace
 }  // namespace tind
