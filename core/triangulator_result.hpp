@@ -18,8 +18,9 @@ class TileExtractor {
   /// vertices of the mesh are the ring, in local order.
   void extract(const Mesh& mesh, std::int32_t n_ring, TileSurface& surface);
 
-  /// Of the mesh extracted last: error and RMSE at the source's own posts with west <= X < east, south <= Y < north, each counted once
-  /// (docs/format.md 5). `at_pole`: nothing lies north of the tile, so the posts on its north side count, too.
+  /// Of the mesh extracted last: error and RMSE at the source's own posts with west <= X < east, south <= Y < north,
+  /// each counted once (docs/format.md 5). `at_pole`: nothing lies north of the tile, so the posts on its north side
+  /// count, too.
   void measure(const Mesh& mesh, const TilePosts& posts, const FaceScanner& scanner, double side, bool at_pole,
                TileStats& stats);
 
