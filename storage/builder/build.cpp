@@ -134,11 +134,12 @@ Result<void> check_lines_out(const BuildOptions& options) {
   return check_output(path, options.force);
 }
 
-// Whether the output is what `expected` would become: then there is nothing to go on with.
-bool is_complete(const std::string& output, const Manifest& expected, const nlohmann::json& asked) {
-  const auto file = EarlierPyramid::open(output);
-  if (!file) return false;
-  const Manifest& m = file->manifest;
+// The manifest of the output, if that is what `expected` would become: then there is nothing to go on with.
+std::optional<Manifest> complete_output(const std::string& output, const Manifest& expected,
+                                        const nlohmann::json& asked) {
+  auto file = EarlierPyramid::open(output);
+  if (!file) return std::nullopt;
+  Manifest& m = file->manifest;
   const auto name_and_hash = [](const SourceInfo& a, const SourceInfo& b) {
     return a.name == b.name && a.sha256 == b.sha256;
   };
@@ -146,12 +147,14 @@ bool is_complete(const std::string& output, const Manifest& expected, const nloh
       m.shard_index != expected.shard_index || m.shard_count != expected.shard_count ||
       !std::equal(m.sources.begin(), m.sources.end(), expected.sources.begin(), expected.sources.end(),
                   name_and_hash)) {
-    return false;
+    return std::nullopt;
   }
   const nlohmann::json options = nlohmann::json::parse(m.options_json);
-  return std::all_of(asked.items().begin(), asked.items().end(), [&](const auto& item) {
+  const bool same = std::all_of(asked.items().begin(), asked.items().end(), [&](const auto& item) {
     return options.contains(item.key()) && options[item.key()] == item.value();
   });
+  if (!same) return std::nullopt;
+  return std::move(m);
 }
 
 // Tiles with a changed piece, and tiles of the earlier pyramid that are gone.
@@ -218,10 +221,9 @@ Result<BuildReport> build_pyramid(const BuildOptions& options, Progress& progres
   source->describe(m);
   const nlohmann::json asked = asked_for(options, source->has_points());
   if (options.resume && !goes_on) {
-    if (is_complete(options.output, m, asked)) {
-      auto done = EarlierPyramid::open(options.output);
+    if (auto done = complete_output(options.output, m, asked)) {
       progress.note(options.output + ": complete already; nothing to go on with");
-      report.manifest = std::move(done->manifest);
+      report.manifest = std::move(*done);
       report.breakdown.resize(report.manifest.levels.size());
       return report;
     }

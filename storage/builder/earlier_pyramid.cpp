@@ -1,6 +1,11 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "storage/builder/earlier_pyramid.hpp"
 
+#include <fmt/format.h>
+
+#include <cstdint>
+#include <filesystem>
+#include <system_error>
 #include <utility>
 
 #include "storage/zstd_codec.hpp"
@@ -11,14 +16,25 @@ Result<EarlierPyramid> EarlierPyramid::open(const std::string& path) {
   auto store = TileStore::open(path);
   if (!store) return tl::unexpected(store.error());
   auto snapshot = store->snapshot();
-  if (!snapshot) return tl::unexpected(snapshot.error());
-  const auto value = snapshot->find_manifest();
   const auto named = [&path](const Error& error) { return fail(error.kind, path + ": " + error.message); };
-  if (!value) return fail(ErrorKind::kCorrupt, path + ": no manifest");
+  if (!snapshot) return named(snapshot.error());
+  const auto value = snapshot->find_manifest();
+  if (!value) return fail(ErrorKind::kCorrupt, path + ": no manifest; the file is not complete, build it again");
   const auto text = unpack_value(*value);
   if (!text) return named(text.error());
   auto manifest = decode_manifest(*text);
   if (!manifest) return named(manifest.error());
+  // A tile takes more than 16 bytes: no damaged manifest makes us list more tiles than the file can hold.
+  std::error_code no_size;
+  const auto n_bytes = std::filesystem::file_size(path, no_size);
+  for (const LevelInfo& level : manifest->levels) {
+    std::uint64_t n_tiles = 0;
+    for (const TileRun& run : level.rows) n_tiles += std::uint64_t{run.x_last} - run.x_first + 1;
+    if (no_size || n_tiles > n_bytes / 16) {
+      return fail(ErrorKind::kCorrupt,
+                  fmt::format("{}: the manifest lists more tiles of level {} than the file holds", path, level.level));
+    }
+  }
   return EarlierPyramid{std::move(*store), std::move(*snapshot), std::move(*manifest)};
 }
 

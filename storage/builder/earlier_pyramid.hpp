@@ -9,8 +9,8 @@
 
 namespace tind {
 
-/// A finished `.tind` file that a build, an update or a merge reads. One thread. The file may be replaced meanwhile:
-/// what is open stays what it was.
+/// A finished `.tind` file that a build, an update, a merge or a report reads. Its manifest lists no more tiles than
+/// the file can hold. One thread. The file may be replaced meanwhile: what is open stays what it was.
 struct EarlierPyramid {
   TileStore store;
   TileStore::Snapshot snapshot;

@@ -132,16 +132,6 @@ bool TilePlan::is_edge_split(int level, bool vertical, std::int64_t line, std::i
                   : split_at(along, line - 1) || split_at(along, line);
 }
 
-std::vector<PieceKey> TilePlan::pieces(int level) const {
-  std::vector<PieceKey> keys;
-  for (const TileKey& tile : tiles(level)) {
-    for (const PieceKey& key : pieces_of(tile)) keys.push_back(key);
-  }
-  std::sort(keys.begin(), keys.end());
-  keys.erase(std::unique(keys.begin(), keys.end()), keys.end());
-  return keys;
-}
-
 std::vector<RootEdge> TilePlan::root_edges(int level, const Lattice& lattice) const {
   const std::int64_t side = lattice.tile_side(level);
   std::vector<RootEdge> roots;

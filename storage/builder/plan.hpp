@@ -7,7 +7,6 @@
 #include "core/border_line.hpp"
 #include "core/height_field.hpp"
 #include "core/level_spec.hpp"
-#include "core/piece_key.hpp"
 #include "core/tile_key.hpp"
 
 namespace tind {
@@ -28,8 +27,6 @@ class TilePlan {
   /// tile sides of `level`; the line of longitude 180 may be named from either end.
   bool is_edge_split(int level, bool vertical, std::int64_t line, std::int64_t along) const;
 
-  /// All pieces of a level in storage order, each once.
-  std::vector<PieceKey> pieces(int level) const;
   /// The stretches of border lines that are first used at `level`.
   std::vector<RootEdge> root_edges(int level, const Lattice& lattice) const;
 

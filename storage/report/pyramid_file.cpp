@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "storage/report/pyramid_file.hpp"
 
-#include <filesystem>
 #include <utility>
 
 #include <fmt/format.h>
 
 #include "core/assembler.hpp"
 #include "core/piece_key.hpp"
+#include "storage/builder/earlier_pyramid.hpp"
 #include "storage/piece_blob.hpp"
 #include "storage/zstd_codec.hpp"
 
@@ -25,29 +25,9 @@ PyramidFile::PyramidFile(std::string path, TileStore store, TileStore::Snapshot 
       manifest_(std::move(manifest)) {}
 
 Result<PyramidFile> PyramidFile::open(const std::string& path) {
-  auto store = TileStore::open(path);
-  if (!store) return tl::unexpected(store.error());
-  const auto broken = [&](const Error& error) { return fail(error.kind, path + ": " + error.message); };
-  auto snapshot = store->snapshot();
-  if (!snapshot) return broken(snapshot.error());
-  const auto value = snapshot->find_manifest();
-  if (!value) return fail(ErrorKind::kCorrupt, path + ": no manifest; the file is not complete, build it again");
-  const auto json = unpack_value(*value);
-  if (!json) return broken(json.error());
-  auto manifest = decode_manifest(*json);
-  if (!manifest) return broken(manifest.error());
-  // A tile takes more than 16 bytes: no damaged manifest makes us list more tiles than the file can hold.
-  std::error_code no_size;
-  const auto n_bytes = std::filesystem::file_size(path, no_size);
-  for (const LevelInfo& level : manifest->levels) {
-    std::uint64_t n_tiles = 0;
-    for (const TileRun& run : level.rows) n_tiles += std::uint64_t{run.x_last} - run.x_first + 1;
-    if (no_size || n_tiles > n_bytes / 16) {
-      return fail(ErrorKind::kCorrupt,
-                  fmt::format("{}: the manifest lists more tiles of level {} than the file holds", path, level.level));
-    }
-  }
-  return PyramidFile(path, std::move(*store), std::move(*snapshot), std::move(*manifest));
+  auto file = EarlierPyramid::open(path);
+  if (!file) return tl::unexpected(file.error());
+  return PyramidFile(path, std::move(file->store), std::move(file->snapshot), std::move(file->manifest));
 }
 
 std::vector<TileKey> PyramidFile::surface_tiles(int level, const std::function<bool(const TileKey&)>& wanted) const {
