@@ -75,19 +75,23 @@ const char* reason_phrase(int status) {
   }
 }
 
-Response text_response(int status, const std::string& text, const std::string& more_fields) {
-  auto body = std::make_shared<const Bytes>(to_bytes(text + "\n"));
-  Response response;
-  response.status = status;
-  response.fields = "Content-Type: text/plain; charset=utf-8\r\nAccess-Control-Allow-Origin: *\r\n" + more_fields;
-  response.content_length = body->size();
-  response.body.push_back({*body, body});
-  return response;
+void text_response(Response& out, int status, std::string_view text, std::string_view more_fields) {
+  auto body = std::make_shared<Bytes>(to_bytes(text));
+  body->push_back('\n');
+  out.reset();
+  out.status = status;
+  out.fields = "Content-Type: text/plain; charset=utf-8\r\nAccess-Control-Allow-Origin: *\r\n";
+  out.fields += more_fields;
+  out.content_length = body->size();
+  out.add(*body);
+  out.keep(std::move(body));
 }
 
 // What the answers to one request share.
 struct Handler::Context {
   const Request& request;
+  WorkerState& worker;
+  Response& out;
   Target target;
   Coding wanted = Coding::kIdentity;
 
@@ -102,31 +106,30 @@ struct Handler::Context {
     return '"' + etag_base + suffix + '"';
   }
   std::string fields() const {
-    std::string out = fmt::format(
+    std::string text = fmt::format(
         "ETag: {}\r\nCache-Control: {}\r\nAccess-Control-Allow-Origin: *\r\n"
         "Access-Control-Expose-Headers: ETag\r\n",
         etag(), cache_control);
-    if (vary[0] != '\0') out += fmt::format("Vary: {}\r\n", vary);
-    return out;
+    if (vary[0] != '\0') text += fmt::format("Vary: {}\r\n", vary);
+    return text;
   }
-  std::optional<Response> not_modified() const {
-    if (!request.if_none_match || !etag_matches(*request.if_none_match, etag())) return std::nullopt;
-    Response response;
-    response.status = kNotModified;
-    response.fields = fields();
-    return response;
+  bool not_modified() const {
+    if (!request.if_none_match || !etag_matches(*request.if_none_match, etag())) return false;
+    out.reset();
+    out.status = kNotModified;
+    out.fields = fields();
+    return true;
   }
-  Response ok(Coding coding) const {
-    Response response;
-    response.fields = fmt::format("Content-Type: {}\r\nX-Content-Type-Options: nosniff\r\n{}", content_type, fields());
-    if (coding != Coding::kIdentity) response.fields += fmt::format("Content-Encoding: {}\r\n", coding_name(coding));
-    return response;
+  void ok(Coding coding) const {
+    out.reset();
+    out.fields = fmt::format("Content-Type: {}\r\nX-Content-Type-Options: nosniff\r\n{}", content_type, fields());
+    if (coding != Coding::kIdentity) out.fields += fmt::format("Content-Encoding: {}\r\n", coding_name(coding));
   }
-  Response whole(const std::shared_ptr<const Coded>& body) const {
-    Response response = ok(body->coding);
-    response.content_length = body->bytes.size();
-    response.body.push_back({body->bytes, body});
-    return response;
+  void whole(const std::shared_ptr<const Coded>& body) const {
+    ok(body->coding);
+    out.content_length = body->bytes.size();
+    out.add(body->bytes);
+    out.keep(body);
   }
   void set_version(const Dataset& dataset) {
     if (query_value(target.query, "v") == dataset.version) cache_control = kForever;
@@ -135,42 +138,43 @@ struct Handler::Context {
 
 namespace {
 
-Response not_found(const char* what) {
-  return text_response(kNotFound, what, fmt::format("Cache-Control: {}\r\n", kShortly));
+void not_found(Response& out, const char* what) {
+  text_response(out, kNotFound, what, fmt::format("Cache-Control: {}\r\n", kShortly));
 }
 
-Response internal_error(const Error& error) {
+void internal_error(Response& out, const Error& error) {
   std::fprintf(stderr, "tind: %s\n", error.message.c_str());
-  return text_response(kInternalError, "this part of the dataset cannot be read");
+  text_response(out, kInternalError, "this part of the dataset cannot be read");
 }
 
 }  // namespace
 
 // The cached representation, or the one that `make` (-> Result<Bytes>) gives.
 template <class Make>
-Response Handler::coded(Context& context, const std::string& cache_key, Make&& make) {
-  if (auto response = context.not_modified()) return std::move(*response);
+void Handler::coded(Context& context, const std::string& cache_key, Make&& make) {
+  if (context.not_modified()) return;
   const std::string key = cache_key + "|" + coding_name(context.wanted);
   std::shared_ptr<const Coded> body = cache_.find(key);
   if (!body) {
     Result<Bytes> bytes = make();
-    if (!bytes) return internal_error(bytes.error());
+    if (!bytes) return internal_error(context.out, bytes.error());
     body = share(apply_coding(std::move(*bytes), context.wanted));
     cache_.put(key, body);
   }
   return context.whole(body);
 }
 
-Response Handler::document(Context& context, const Document& document) {
+void Handler::document(Context& context, const Document& document) {
   context.content_type = document.content_type;
   context.etag_base = document.etag_base;
   return coded(context, "document|" + document.etag_base, [&]() -> Result<Bytes> { return to_bytes(document.text); });
 }
 
-Response Handler::cesium(Context& context, const std::string& path) {
-  if (site_.cesium_root.empty()) return not_found("CesiumJS is not installed; start tind with --cesium DIR");
-  const auto file = find_static_file(site_.cesium_root, path);
-  if (!file) return not_found("no such file in CesiumJS");
+void Handler::cesium(Context& context, const std::string& path) {
+  if (context.worker.site().cesium_root.empty())
+    return not_found(context.out, "CesiumJS is not installed; start tind with --cesium DIR");
+  const auto file = find_static_file(context.worker.site().cesium_root, path);
+  if (!file) return not_found(context.out, "no such file in CesiumJS");
   context.content_type = file->content_type;
   context.etag_base = file->stamp;
   if (!file->compressible) {
@@ -181,10 +185,13 @@ Response Handler::cesium(Context& context, const std::string& path) {
 }
 
 // .terrain and .vn: assembled, then coded.
-Response Handler::tile(Context& context, const Dataset& dataset, const TileKey& key, bool terrain) {
-  auto snapshot = dataset.store.snapshot();
-  if (!snapshot) return internal_error(snapshot.error());
-  if (!snapshot->find(PieceKey{PieceKind::kBody, key.level, key.x, key.y})) return not_found("no such tile");
+void Handler::tile(Context& context, const ServedDataset& served, const TileKey& key, bool terrain) {
+  const Dataset& dataset = *served.dataset;
+  const auto opened = context.worker.snapshot(served.dataset);
+  if (!opened) return internal_error(context.out, opened.error());
+  const TileStore::Snapshot& snapshot = **opened;
+  if (!snapshot.find(PieceKey{PieceKind::kBody, key.level, key.x, key.y}))
+    return not_found(context.out, "no such tile");
   bool normals = false;
   if (terrain) {
     const auto extensions = query_value(context.target.query, "extensions");
@@ -198,7 +205,7 @@ Response Handler::tile(Context& context, const Dataset& dataset, const TileKey& 
   const std::string cache_key =
       fmt::format("{}|{}/{}/{}|{}", dataset.name, key.level, key.x, key.y, terrain ? normals ? "qn" : "q" : "vn");
   return coded(context, cache_key, [&]() -> Result<Bytes> {
-    auto node = load_tile(dataset, *snapshot, key);
+    auto node = load_tile(dataset, snapshot, key);
     if (!node) return tl::unexpected(node.error());
     if (!*node || key.level >= dataset.manifest.levels.size()) {
       return fail(ErrorKind::kCorrupt, dataset.name + ": a tile that the manifest does not know");
@@ -208,7 +215,7 @@ Response Handler::tile(Context& context, const Dataset& dataset, const TileKey& 
     if (!terrain) return encode_vn(lattice, **node, level.tolerance_m);
     std::vector<VirtualNode> neighbours;
     if (normals) {
-      auto loaded = load_neighbours(dataset, *snapshot, key);
+      auto loaded = load_neighbours(dataset, snapshot, key);
       if (!loaded) return tl::unexpected(loaded.error());
       neighbours = std::move(*loaded);
     }
@@ -216,17 +223,19 @@ Response Handler::tile(Context& context, const Dataset& dataset, const TileKey& 
   });
 }
 
-Response Handler::parts(Context& context, const Dataset& dataset, const TileKey& key) {
+void Handler::parts(Context& context, const ServedDataset& served, const TileKey& key) {
   constexpr std::size_t kPieces = 9;
-  auto snapshot = dataset.store.snapshot();
-  if (!snapshot) return internal_error(snapshot.error());
+  const Dataset& dataset = *served.dataset;
+  const auto opened = context.worker.snapshot(served.dataset);
+  if (!opened) return internal_error(context.out, opened.error());
+  const TileStore::Snapshot& snapshot = **opened;
   const auto keys = pieces_of(key);
-  if (!snapshot->find(keys[kPieces - 1])) return not_found("no such tile");
+  if (!snapshot.find(keys[kPieces - 1])) return not_found(context.out, "no such tile");
   context.content_type = "application/vnd.tind.parts";
   context.etag_base = dataset.version + "-parts";
   context.vary = "";  // the pieces are packed already
   context.set_version(dataset);
-  if (auto response = context.not_modified()) return std::move(*response);
+  if (context.not_modified()) return;
 
   ByteWriter head;
   head.raw(to_bytes("TVP1"));
@@ -235,57 +244,60 @@ Response Handler::parts(Context& context, const Dataset& dataset, const TileKey&
   head.fixed(std::uint16_t{0});
   head.fixed(key.x);
   head.fixed(key.y);
-  Response response = context.ok(Coding::kIdentity);
+  std::array<ByteView, kPieces> values;
   std::uint64_t length = 0;
-  response.body.resize(1);
-  for (const PieceKey& piece : keys) {
-    const auto value = snapshot->find(piece);
-    if (!value) return internal_error({ErrorKind::kCorrupt, dataset.name + ": a piece is missing"});
+  for (std::size_t k = 0; k < kPieces; ++k) {
+    const auto value = snapshot.find(keys[k]);
+    if (!value) return internal_error(context.out, {ErrorKind::kCorrupt, dataset.name + ": a piece is missing"});
     head.fixed(static_cast<std::uint32_t>(value->size()));
-    response.body.push_back({*value, nullptr});
+    values[k] = *value;
     length += value->size();
   }
-  const auto owned = std::make_shared<const Bytes>(head.take());
-  response.body[0] = {*owned, owned};
-  response.content_length = length + owned->size();
-  response.pin = std::move(*snapshot);
-  return response;
+  auto owned = std::make_shared<const Bytes>(head.take());
+  context.ok(Coding::kIdentity);
+  context.out.content_length = length + owned->size();
+  context.out.add(*owned);
+  for (const ByteView value : values) context.out.add(value);
+  context.out.keep(std::move(owned));
 }
 
 // One stored value: a zstd frame goes out as it is to whoever takes zstd.
-Response Handler::piece(Context& context, const Dataset& dataset, const PieceKey& key) {
-  auto snapshot = dataset.store.snapshot();
-  if (!snapshot) return internal_error(snapshot.error());
-  const auto value = snapshot->find(key);
-  if (!value) return not_found("no such piece");
+void Handler::piece(Context& context, const ServedDataset& served, const PieceKey& key) {
+  const Dataset& dataset = *served.dataset;
+  const auto opened = context.worker.snapshot(served.dataset);
+  if (!opened) return internal_error(context.out, opened.error());
+  const TileStore::Snapshot& snapshot = **opened;
+  const auto value = snapshot.find(key);
+  if (!value) return not_found(context.out, "no such piece");
   context.content_type = "application/vnd.tind.piece";
   context.etag_base = dataset.version + "-piece";
   context.set_version(dataset);
-  if (auto response = context.not_modified()) return std::move(*response);
+  if (context.not_modified()) return;
   const bool packed = is_zstd_frame(*value);
   if (packed && context.wanted != Coding::kZstd) {
     auto record = unpack_value(*value);
-    if (!record) return internal_error(record.error());
+    if (!record) return internal_error(context.out, record.error());
     return context.whole(share(apply_coding(std::move(*record), context.wanted)));
   }
-  Response response = context.ok(packed ? Coding::kZstd : Coding::kIdentity);
-  response.content_length = value->size();
-  response.body.push_back({*value, nullptr});
-  response.pin = std::move(*snapshot);
-  return response;
+  context.ok(packed ? Coding::kZstd : Coding::kIdentity);
+  context.out.content_length = value->size();
+  context.out.add(*value);
 }
 
-Response Handler::codes(Context& context, const Dataset& dataset, const TileKey& key) {
-  auto snapshot = dataset.store.snapshot();
-  if (!snapshot) return internal_error(snapshot.error());
-  if (!snapshot->find(PieceKey{PieceKind::kBody, key.level, key.x, key.y})) return not_found("no such tile");
+void Handler::codes(Context& context, const ServedDataset& served, const TileKey& key) {
+  const Dataset& dataset = *served.dataset;
+  const auto opened = context.worker.snapshot(served.dataset);
+  if (!opened) return internal_error(context.out, opened.error());
+  const TileStore::Snapshot& snapshot = **opened;
+  if (!snapshot.find(PieceKey{PieceKind::kBody, key.level, key.x, key.y}))
+    return not_found(context.out, "no such tile");
   context.content_type = "application/json";
   context.etag_base = dataset.version + "-codes";
   context.set_version(dataset);
   const std::string cache_key = fmt::format("{}|{}/{}/{}|codes", dataset.name, key.level, key.x, key.y);
   return coded(context, cache_key, [&]() -> Result<Bytes> {
     using nlohmann::ordered_json;
-    const auto node = load_tile(dataset, *snapshot, key);
+    const auto node = load_tile(dataset, snapshot, key);
     if (!node) return tl::unexpected(node.error());
     ordered_json gaps = ordered_json::array();
     for (int gap = 1; gap <= key.level; ++gap) {
@@ -302,82 +314,78 @@ Response Handler::codes(Context& context, const Dataset& dataset, const TileKey&
   });
 }
 
-Response Handler::answer(Context& context) {
+void Handler::answer(Context& context) {
+  const Site& site = context.worker.site();
+  Response& out = context.out;
   const auto with_dataset = [&](const std::string& name, auto&& use) {
-    const Dataset* dataset = site_.find(name);
-    return dataset ? use(*dataset) : not_found("no such dataset");
+    const ServedDataset* served = site.find(name);
+    served ? use(*served) : not_found(out, "no such dataset");
   };
   // Copied: the context is written to while it is visited.
   const Route route = context.target.route;
-  return std::visit(
-      Overloaded{[&](const IndexRoute&) { return document(context, site_.index); },
-                 [&](const DatasetsRoute&) { return document(context, site_.list); },
-                 [&](const ScriptRoute&) { return document(context, site_.script); },
-                 [&](const StyleRoute&) { return document(context, site_.style); },
-                 [&](const HealthRoute&) { return text_response(kOk, "ok", "Cache-Control: no-store\r\n"); },
-                 [&](const ReadyRoute&) {
-                   return draining_ ? text_response(kUnavailable, "stopping", "Cache-Control: no-store\r\n")
-                                    : text_response(kOk, "ready", "Cache-Control: no-store\r\n");
-                 },
-                 [&](const CesiumRoute& r) { return cesium(context, r.path); },
-                 [&](const DirectoryRoute& r) {
-                   return with_dataset(r.name, [&](const Dataset&) {
-                     // Relative, for the sake of proxies that serve us below another path.
-                     return text_response(kMovedPermanently, "moved",
+  std::visit(Overloaded{[&](const IndexRoute&) { document(context, site.index); },
+                        [&](const DatasetsRoute&) { document(context, site.list); },
+                        [&](const ScriptRoute&) { document(context, site.script); },
+                        [&](const StyleRoute&) { document(context, site.style); },
+                        [&](const HealthRoute&) { text_response(out, kOk, "ok", "Cache-Control: no-store\r\n"); },
+                        [&](const ReadyRoute&) {
+                          const bool draining = draining_;
+                          text_response(out, draining ? kUnavailable : kOk, draining ? "stopping" : "ready",
+                                        "Cache-Control: no-store\r\n");
+                        },
+                        [&](const CesiumRoute& r) { cesium(context, r.path); },
+                        [&](const DirectoryRoute& r) {
+                          with_dataset(r.name, [&](const ServedDataset&) {
+                            // Relative, for the sake of proxies that serve us below another path.
+                            text_response(out, kMovedPermanently, "moved",
                                           fmt::format("Location: {}/\r\n", percent_encode(r.name)));
-                   });
-                 },
-                 [&](const DocumentRoute& r) {
-                   return with_dataset(r.name, [&](const Dataset& dataset) {
-                     const auto index = static_cast<std::size_t>(&dataset - site_.datasets.data());
-                     return document(context, r.document == DatasetDocument::kGlobe  ? site_.globe
-                                              : r.document == DatasetDocument::kMeta ? site_.meta[index]
-                                                                                     : site_.layer[index]);
-                   });
-                 },
-                 [&](const TileRoute& r) {
-                   return with_dataset(r.name, [&](const Dataset& dataset) {
-                     return r.format == TileFormat::kParts
-                                ? parts(context, dataset, r.key)
-                                : tile(context, dataset, r.key, r.format == TileFormat::kTerrain);
-                   });
-                 },
-                 [&](const PieceRoute& r) {
-                   return with_dataset(r.name, [&](const Dataset& dataset) { return piece(context, dataset, r.key); });
-                 },
-                 [&](const CodesRoute& r) {
-                   return with_dataset(r.name, [&](const Dataset& dataset) { return codes(context, dataset, r.key); });
-                 }},
-      route);
+                          });
+                        },
+                        [&](const DocumentRoute& r) {
+                          with_dataset(r.name, [&](const ServedDataset& served) {
+                            document(context, r.document == DatasetDocument::kGlobe  ? site.globe
+                                              : r.document == DatasetDocument::kMeta ? served.meta
+                                                                                     : served.layer);
+                          });
+                        },
+                        [&](const TileRoute& r) {
+                          with_dataset(r.name, [&](const ServedDataset& served) {
+                            r.format == TileFormat::kParts
+                                ? parts(context, served, r.key)
+                                : tile(context, served, r.key, r.format == TileFormat::kTerrain);
+                          });
+                        },
+                        [&](const PieceRoute& r) {
+                          with_dataset(r.name, [&](const ServedDataset& served) { piece(context, served, r.key); });
+                        },
+                        [&](const CodesRoute& r) {
+                          with_dataset(r.name, [&](const ServedDataset& served) { codes(context, served, r.key); });
+                        }},
+             route);
 }
 
-Response Handler::handle(const Request& request) {
+void Handler::handle(const Request& request, WorkerState& worker, Response& out) {
   const bool is_head = request.method == "HEAD";
   if (request.method == "OPTIONS") {
-    Response response;
-    response.status = kNoContent;
-    response.fields = fmt::format(
+    out.reset();
+    out.status = kNoContent;
+    out.fields = fmt::format(
         "Allow: {0}\r\nAccess-Control-Allow-Origin: *\r\nAccess-Control-Allow-Methods: {0}\r\n"
         "Access-Control-Allow-Headers: *\r\nAccess-Control-Max-Age: 86400\r\n",
         kAllow);
-    return response;
+    return;
   }
   if (request.method != "GET" && !is_head) {
-    return text_response(kMethodNotAllowed, "only GET, HEAD and OPTIONS", fmt::format("Allow: {}\r\n", kAllow));
+    return text_response(out, kMethodNotAllowed, "only GET, HEAD and OPTIONS", fmt::format("Allow: {}\r\n", kAllow));
   }
-  Response response;
   auto parsed = parse_target(request.target);
   if (const int* status = std::get_if<int>(&parsed)) {
-    response = *status == kNotFound ? not_found("no such address") : text_response(*status, "malformed address");
+    *status == kNotFound ? not_found(out, "no such address") : text_response(out, *status, "malformed address");
   } else {
-    Context context{request, std::move(std::get<Target>(parsed)), choose_coding(request.accept_encoding)};
-    response = answer(context);
+    Context context{request, worker, out, std::move(std::get<Target>(parsed)), choose_coding(request.accept_encoding)};
+    answer(context);
   }
-  if (is_head) {
-    response.body.clear();
-    response.pin.reset();
-  }
-  return response;
+  if (is_head) out.drop_body();
 }
 
 }  // namespace tind

@@ -60,8 +60,8 @@ Result<void> check_free(const tcp::endpoint& endpoint, const std::string& where,
 
 }  // namespace
 
-Worker::Worker(const Settings& settings, Handler& handler, std::atomic<int>& n_connections)
-    : settings_(settings), handler_(handler), n_connections_(n_connections) {
+Worker::Worker(const Settings& settings, Handler& handler, const SiteHolder& site, std::atomic<int>& n_connections)
+    : settings_(settings), handler_(handler), state_(site), n_connections_(n_connections) {
   refresh_date();
 }
 
@@ -140,6 +140,7 @@ void Worker::remove(Session* session) {
 void Worker::tick() {
   const auto now = Clock::now();
   refresh_date();
+  state_.begin_batch();  // an idle thread lets go of what was swapped out, too
   for (Session* session : sessions_) session->check_deadline(now);
   if (draining_ && (sessions_.empty() || now >= drain_deadline_)) return io_.stop();
   tick_timer_.expires_after(kTick);
@@ -156,7 +157,9 @@ void Worker::refresh_date() {
   gmtime_r(&now, &parts);
   char text[40];
   // The daemon never sets a locale, so names are English as HTTP wants them.
-  date_.assign(text, std::strftime(text, sizeof text, "%a, %d %b %Y %H:%M:%S GMT", &parts));
+  const std::size_t n = std::strftime(text, sizeof text, "%a, %d %b %Y %H:%M:%S GMT", &parts);
+  common_fields_ = "Server: tind\r\nDate: ";
+  common_fields_.append(text, n) += "\r\n";
 }
 
 void Worker::drain() {
@@ -185,7 +188,7 @@ void Worker::begin_drain() {
   });
 }
 
-Result<void> serve(const Settings& settings, Handler& handler,
+Result<void> serve(const Settings& settings, Handler& handler, const SiteHolder& site,
                    const std::function<void(const std::string&)>& on_listening) {
   std::atomic<int> n_connections = 0;
   asio::io_context setup;
@@ -197,7 +200,7 @@ Result<void> serve(const Settings& settings, Handler& handler,
   const std::size_t n_workers = settings.threads > 0 ? static_cast<std::size_t>(settings.threads) : cores;
   std::vector<std::unique_ptr<Worker>> workers;
   for (std::size_t k = 0; k < n_workers; ++k) {
-    workers.push_back(std::make_unique<Worker>(settings, handler, n_connections));
+    workers.push_back(std::make_unique<Worker>(settings, handler, site, n_connections));
     if (auto bound = workers.back()->listen(*endpoint); !bound) return bound;
     endpoint->port(workers.back()->port());
   }

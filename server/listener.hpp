@@ -14,6 +14,7 @@
 #include "core/result.hpp"
 #include "server/handler.hpp"
 #include "server/session.hpp"
+#include "server/write_batch.hpp"
 
 namespace tind {
 
@@ -25,7 +26,7 @@ class Worker {
       boost::asio::basic_waitable_timer<Clock, boost::asio::wait_traits<Clock>, boost::asio::io_context::executor_type>;
 
   /// `n_connections` is shared by all workers. The references must outlive the worker.
-  Worker(const Settings& settings, Handler& handler, std::atomic<int>& n_connections);
+  Worker(const Settings& settings, Handler& handler, const SiteHolder& site, std::atomic<int>& n_connections);
   ~Worker();
 
   /// Binds with SO_REUSEPORT, so that the kernel spreads connections over the workers. Call before run().
@@ -41,9 +42,13 @@ class Worker {
   void remove(Session* session);
   const Settings& settings() const { return settings_; }
   Handler& handler() { return handler_; }
+  WorkerState& state() { return state_; }
+  /// For the answer being made; used again for the next.
+  Response& response() { return response_; }
   bool draining() const { return draining_; }
-  /// The Date header's value, at most a fraction of a second old.
-  const std::string& date() const { return date_; }
+  /// Server and Date, as header lines; at most a fraction of a second old.
+  const std::string& common_fields() const { return common_fields_; }
+  WriteBatch& batch() { return batch_; }
   boost::asio::io_context& io() { return io_; }
 
  private:
@@ -55,6 +60,9 @@ class Worker {
 
   const Settings& settings_;
   Handler& handler_;
+  WorkerState state_;
+  Response response_;
+  WriteBatch batch_;
   std::atomic<int>& n_connections_;
   boost::asio::io_context io_{1};  // one thread: no locks inside
   Acceptor acceptor_{io_};
@@ -62,13 +70,13 @@ class Worker {
   std::unordered_set<Session*> sessions_;
   bool draining_ = false;
   Clock::time_point drain_deadline_;
-  std::string date_;
+  std::string common_fields_;
   std::int64_t date_second_ = -1;
 };
 
 /// Serves until SIGTERM or SIGINT, then drains. Calls `on_listening` with "HOST:PORT" once all workers listen.
 /// kInvalidInput on a malformed address, kIo when it cannot be bound.
-Result<void> serve(const Settings& settings, Handler& handler,
+Result<void> serve(const Settings& settings, Handler& handler, const SiteHolder& site,
                    const std::function<void(const std::string&)>& on_listening);
 
 }  // namespace tind

@@ -29,11 +29,12 @@ int run(const std::vector<std::string>& arguments) {
     return done->status;
   }
   const auto& settings = std::get<tind::Settings>(command);
-  const auto site = tind::make_site(settings);
+  auto site = tind::make_site(settings);
   if (!site) return report(site.error());
   std::signal(SIGPIPE, SIG_IGN);  // a client that went away is an error of its write, not of the daemon
-  tind::Handler handler(*site, static_cast<std::size_t>(settings.cache_mb) * kMegabyte);
-  const auto served = tind::serve(settings, handler, [](const std::string& where) {
+  const tind::SiteHolder holder(std::make_shared<const tind::Site>(std::move(*site)));
+  tind::Handler handler(static_cast<std::size_t>(settings.cache_mb) * kMegabyte);
+  const auto served = tind::serve(settings, handler, holder, [](const std::string& where) {
     std::printf("tind: listening on http://%s\n", where.c_str());
     std::fflush(stdout);
   });

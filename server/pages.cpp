@@ -116,7 +116,7 @@ TileKey example_tile(const Manifest& manifest) {
   return {};
 }
 
-std::string make_index_page(const std::vector<Dataset>& datasets, bool has_cesium) {
+std::string make_index_page(const std::vector<std::shared_ptr<const Dataset>>& datasets, bool has_cesium) {
   std::string out = page_head("tind: terrain", "");
   out +=
       "<body class=\"text\">\n<h1>tind</h1>\n<p>TIN terrain over HTTP. Tile rows count from the south (TMS). "
@@ -126,20 +126,20 @@ std::string make_index_page(const std::vector<Dataset>& datasets, bool has_cesiu
         "<p class=\"note\">The globe pages need CesiumJS: <code>npm install cesium</code>, then start tind with "
         "<code>--cesium node_modules/cesium/Build/Cesium</code>.</p>\n";
   }
-  for (const Dataset& dataset : datasets) append_dataset(out, dataset, has_cesium);
+  for (const auto& dataset : datasets) append_dataset(out, *dataset, has_cesium);
   out +=
       "<script>for (const b of document.querySelectorAll('.origin')) "
       "b.textContent = new URL('.', location.href).href.slice(0, -1);</script>\n</body>\n</html>\n";
   return out;
 }
 
-std::string make_dataset_list(const std::vector<Dataset>& datasets) {
+std::string make_dataset_list(const std::vector<std::shared_ptr<const Dataset>>& datasets) {
   using nlohmann::ordered_json;
   ordered_json list = ordered_json::array();
-  for (const Dataset& dataset : datasets) {
-    const Manifest& m = dataset.manifest;
-    const std::string folder = percent_encode(dataset.name) + "/";
-    list.push_back({{"name", dataset.name},
+  for (const auto& dataset : datasets) {
+    const Manifest& m = dataset->manifest;
+    const std::string folder = percent_encode(dataset->name) + "/";
+    list.push_back({{"name", dataset->name},
                     {"bounds_deg", m.bounds_deg},
                     {"bottom_level", m.bottom_level},
                     {"tolerance_m", m.levels.empty() ? 0.0 : m.levels.back().tolerance_m},

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
+#include <memory>
 #include <string>
 #include <vector>
 
@@ -9,9 +10,9 @@
 namespace tind {
 
 /// `/`: datasets, their levels, links and curl lines. Links are relative, so it works below any base path.
-std::string make_index_page(const std::vector<Dataset>& datasets, bool has_cesium);
+std::string make_index_page(const std::vector<std::shared_ptr<const Dataset>>& datasets, bool has_cesium);
 /// `/datasets` (docs/http.md).
-std::string make_dataset_list(const std::vector<Dataset>& datasets);
+std::string make_dataset_list(const std::vector<std::shared_ptr<const Dataset>>& datasets);
 /// `/{name}/` where CesiumJS is not installed.
 std::string make_no_cesium_page();
 

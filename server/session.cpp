@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "server/session.hpp"
 
-#include <fmt/format.h>
+#include <sys/socket.h>
 
 #include <algorithm>
 #include <boost/asio/buffer.hpp>
-#include <boost/container/static_vector.hpp>
+#include <boost/asio/post.hpp>
+#include <cerrno>
 
 #include "server/listener.hpp"
 
@@ -16,9 +17,6 @@ namespace asio = boost::asio;
 using boost::system::error_code;
 
 constexpr std::size_t kFirstBufferBytes = 2048;  // grows to the header limit for those who need it
-constexpr std::size_t kMaxGather = 64;           // Asio hands the kernel no more buffers at once
-constexpr std::size_t kBatchSlices = 48;         // leaves room for one bundle of ten
-constexpr std::size_t kBatchBytes = std::size_t{1} << 20;
 constexpr std::uint64_t kMaxSkippedBody = 65536;
 constexpr int kLingerTimeout_s = 2;
 constexpr std::size_t kMaxLingerBytes = std::size_t{1} << 20;
@@ -65,14 +63,11 @@ void Session::on_read(std::size_t n_bytes) {
 
 // Answers all complete requests in the buffer, as far as one batch goes.
 void Session::process() {
-  std::size_t batch_bytes = 0;
-  bool more = true;
-  while (more && out_.size() < kBatchSlices && batch_bytes < kBatchBytes && !close_after_write_) {
-    const std::size_t before = out_.size();
-    more = answer_next();
-    for (std::size_t k = before; k < out_.size(); ++k) batch_bytes += out_[k].bytes.size();
+  worker_.state().begin_batch();
+  WriteBatch& batch = worker_.batch();
+  while (batch.has_room() && !close_after_write_ && answer_next()) {
   }
-  if (out_.empty()) {
+  if (batch.empty()) {
     read();
   } else {
     flush();
@@ -111,48 +106,36 @@ bool Session::answer_next() {
     close_after_write_ = true;
   }
   body_bytes_to_skip_ = skippable ? request.content_length : 0;
-  append_response(worker_.handler().handle(request.view()));
+  worker_.handler().handle(request.view(), worker_.state(), worker_.response());
+  append_response();
   return true;
 }
 
 void Session::fail_request(int status, const char* why) {
   close_after_write_ = true;
-  append_response(text_response(status, why));
+  text_response(worker_.response(), status, why);
+  append_response();
 }
 
-void Session::append_response(Response response) {
-  std::string head = fmt::format("HTTP/1.1 {} {}\r\nServer: tind\r\nDate: {}\r\n{}", response.status,
-                                 reason_phrase(response.status), worker_.date(), response.fields);
-  if (response.content_length) head += fmt::format("Content-Length: {}\r\n", *response.content_length);
-  head += close_after_write_ ? "Connection: close\r\n\r\n" : "Connection: keep-alive\r\n\r\n";
-  const auto owned = std::make_shared<const std::string>(std::move(head));
-  out_.push_back({ByteView(reinterpret_cast<const std::uint8_t*>(owned->data()), owned->size()), owned});
-  for (Slice& slice : response.body) {
-    if (!slice.bytes.empty()) out_.push_back(std::move(slice));
-  }
-  if (response.pin) pins_.push_back(std::move(*response.pin));
+void Session::append_response() {
+  worker_.batch().add(worker_.response(), worker_.common_fields(), !close_after_write_);
 }
 
-// One write that does not block. What is left is copied if it is the store's, and the snapshots end here.
+// One write that does not block, then the batch ends: what is left is copied.
 void Session::flush() {
-  boost::container::static_vector<asio::const_buffer, kMaxGather> gather;
-  for (const Slice& slice : out_) {
-    if (gather.size() < kMaxGather) gather.emplace_back(slice.bytes.data(), slice.bytes.size());
-  }
-  error_code error;
-  std::size_t n = socket_.write_some(gather, error);
-  if (error && error != asio::error::would_block && error != asio::error::try_again) return close();
-  std::size_t done = 0;
-  for (; done < out_.size() && n >= out_[done].bytes.size(); ++done) n -= out_[done].bytes.size();
-  out_.erase(out_.begin(), out_.begin() + static_cast<std::ptrdiff_t>(done));
-  if (!out_.empty()) out_[0].bytes = out_[0].bytes.subspan(n);
-  for (Slice& slice : out_) {
-    if (slice.owner) continue;
-    const auto copy = std::make_shared<const Bytes>(slice.bytes.begin(), slice.bytes.end());
-    slice = {*copy, copy};
-  }
-  pins_.clear();
-  if (out_.empty()) {
+  WriteBatch& batch = worker_.batch();
+  const auto buffers = batch.buffers();
+  msghdr message{};
+  message.msg_iov = const_cast<iovec*>(buffers.data());
+  message.msg_iovlen = buffers.size();
+  const ssize_t n = ::sendmsg(socket_.native_handle(), &message, MSG_NOSIGNAL);
+  const bool failed = n < 0 && errno != EAGAIN && errno != EWOULDBLOCK && errno != EINTR;
+  const auto n_sent = static_cast<std::size_t>(std::max<ssize_t>(n, 0));
+  if (!failed && n_sent < batch.n_bytes()) batch.copy_rest(n_sent, rest_);
+  batch.clear();
+  if (failed) {
+    close();
+  } else if (rest_.empty()) {
     after_write();
   } else {
     write_rest();
@@ -162,15 +145,14 @@ void Session::flush() {
 void Session::write_rest() {
   state_ = State::kSending;
   set_deadline(worker_.settings().request_timeout_s);  // for some progress, not for all of it
-  const Slice& first = out_.front();
-  socket_.async_write_some(asio::buffer(first.bytes.data(), first.bytes.size()),
+  socket_.async_write_some(asio::buffer(rest_.data() + rest_at_, rest_.size() - rest_at_),
                            [self = shared_from_this()](error_code error, std::size_t n) {
                              if (error) return self->close();
-                             Slice& slice = self->out_.front();
-                             slice.bytes = slice.bytes.subspan(n);
-                             if (slice.bytes.empty()) self->out_.erase(self->out_.begin());
-                             if (self->out_.empty()) return self->after_write();
-                             self->flush();
+                             self->rest_at_ += n;
+                             if (self->rest_at_ < self->rest_.size()) return self->write_rest();
+                             self->rest_ = {};
+                             self->rest_at_ = 0;
+                             self->after_write();
                            });
 }
 
@@ -209,11 +191,12 @@ void Session::close() {
 void Session::check_deadline(Clock::time_point now) {
   if (now < deadline_ || !socket_.is_open()) return;
   if (state_ == State::kReceiving) {
-    close_after_write_ = true;
-    append_response(text_response(408, "the request took too long"));
+    fail_request(408, "the request took too long");
+    WriteBatch& batch = worker_.batch();
+    batch.copy_rest(0, rest_);
+    batch.clear();
     error_code ignored;
-    socket_.write_some(asio::buffer(out_[0].bytes.data(), out_[0].bytes.size()), ignored);
-    if (out_.size() > 1) socket_.write_some(asio::buffer(out_[1].bytes.data(), out_[1].bytes.size()), ignored);
+    socket_.write_some(asio::buffer(rest_), ignored);
     socket_.shutdown(Socket::shutdown_send, ignored);
   }
   close();  // the read or write under way ends with an error and lets go of this session

@@ -8,7 +8,6 @@
 #include <memory>
 #include <string>
 #include <string_view>
-#include <vector>
 
 #include "config/settings.hpp"
 #include "server/handler.hpp"
@@ -23,8 +22,8 @@ using Socket = boost::asio::basic_stream_socket<boost::asio::ip::tcp, boost::asi
 using Clock = std::chrono::steady_clock;
 
 /// One connection: reads into its own buffer, answers every complete request in it with one gathered write that does
-/// not block, and copies what the socket did not take, so that no store snapshot waits on a slow client. Belongs to the
-/// thread of its worker.
+/// not block, and copies what the socket did not take, so that a slow client holds neither a dataset nor a cached
+/// answer. Belongs to the thread of its worker.
 class Session : public std::enable_shared_from_this<Session> {
  public:
   Session(Socket socket, Worker& worker);
@@ -45,7 +44,7 @@ class Session : public std::enable_shared_from_this<Session> {
   void on_read(std::size_t n_bytes);
   void process();
   bool answer_next();
-  void append_response(Response response);
+  void append_response();
   void fail_request(int status, const char* why);
   void flush();
   void write_rest();
@@ -65,8 +64,8 @@ class Session : public std::enable_shared_from_this<Session> {
   bool close_after_write_ = false;
   std::size_t lingered_bytes_ = 0;
 
-  std::vector<Slice> out_;                 // answers not sent yet
-  std::vector<TileStore::Snapshot> pins_;  // of ownerless slices in out_, until the first write
+  std::string rest_;  // of the answers: what the socket did not take at once, from rest_at_ on
+  std::size_t rest_at_ = 0;
 };
 
 }  // namespace tind

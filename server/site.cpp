@@ -19,9 +19,20 @@ Document document(std::string text, const char* content_type) {
 
 }  // namespace
 
-const Dataset* Site::find(const std::string& name) const {
+const ServedDataset* Site::find(std::string_view name) const {
   const auto found = by_name.find(name);
   return found == by_name.end() ? nullptr : &datasets[found->second];
+}
+
+std::shared_ptr<const Site> SiteHolder::current() const {
+  const std::lock_guard lock(mutex_);
+  return site_;
+}
+
+void SiteHolder::replace(std::shared_ptr<const Site> site) {
+  const std::lock_guard lock(mutex_);
+  site_.swap(site);
+  version_.fetch_add(1, std::memory_order_release);
 }
 
 Result<Site> make_site(const Settings& settings) {
@@ -33,7 +44,7 @@ Result<Site> make_site(const Settings& settings) {
       return fail(ErrorKind::kInvalidInput,
                   path + ": a dataset named '" + dataset->name + "' is given twice; rename one");
     }
-    site.datasets.push_back(std::move(*dataset));
+    site.datasets.push_back({std::make_shared<const Dataset>(std::move(*dataset)), {}, {}});
   }
   if (!settings.cesium.empty()) {
     std::error_code error;
@@ -44,12 +55,15 @@ Result<Site> make_site(const Settings& settings) {
     }
     site.cesium_root = root.string();
   }
-  for (const Dataset& dataset : site.datasets) {
-    site.meta.push_back(document(dataset.manifest_json, kJson));
-    site.layer.push_back(document(make_layer_json(dataset.manifest, dataset.name, dataset.version), kJson));
+  std::vector<std::shared_ptr<const Dataset>> datasets;
+  for (ServedDataset& served : site.datasets) {
+    const Dataset& dataset = *served.dataset;
+    served.meta = document(dataset.manifest_json, kJson);
+    served.layer = document(make_layer_json(dataset.manifest, dataset.name, dataset.version), kJson);
+    datasets.push_back(served.dataset);
   }
-  site.index = document(make_index_page(site.datasets, !site.cesium_root.empty()), kHtml);
-  site.list = document(make_dataset_list(site.datasets), kJson);
+  site.index = document(make_index_page(datasets, !site.cesium_root.empty()), kHtml);
+  site.list = document(make_dataset_list(datasets), kJson);
   site.globe = document(site.cesium_root.empty() ? make_no_cesium_page() : globe_page(), kHtml);
   site.script = document(globe_script(), "text/javascript; charset=utf-8");
   site.style = document(style_sheet(), "text/css; charset=utf-8");

@@ -20,7 +20,7 @@ using testing::Not;
 
 Bytes body_of(const Response& response) {
   Bytes out;
-  for (const Slice& slice : response.body) out.insert(out.end(), slice.bytes.begin(), slice.bytes.end());
+  for (const ByteView slice : response.body()) out.insert(out.end(), slice.begin(), slice.end());
   return out;
 }
 std::string text_of(const Response& response) {
@@ -58,19 +58,24 @@ class HandlerTest : public testing::Test {
     settings.cesium = test::write_cesium(directory_.path);
     auto site = make_site(settings);
     ASSERT_TRUE(site.has_value()) << site.error().message;
-    site_ = std::move(*site);
+    holder_ = std::make_unique<SiteHolder>(std::make_shared<const Site>(std::move(*site)));
+    state_ = std::make_unique<WorkerState>(*holder_);
   }
+  const Dataset& dataset() const { return *state_->site().datasets[0].dataset; }
   Response get(const std::string& target, std::optional<std::string> encoding = std::nullopt,
                std::optional<std::string> if_none_match = std::nullopt,
                std::optional<std::string> accept = std::nullopt, const std::string& method = "GET") {
     const auto view = [](const std::optional<std::string>& text) {
       return text ? std::optional<std::string_view>(*text) : std::nullopt;
     };
-    return handler_.handle({method, target, view(accept), view(encoding), view(if_none_match)});
+    Response response;
+    handler_.handle({method, target, view(accept), view(encoding), view(if_none_match)}, *state_, response);
+    return response;
   }
   test::TemporaryDirectory directory_;
-  Site site_;
-  Handler handler_{site_, std::size_t{1} << 22};
+  std::unique_ptr<SiteHolder> holder_;
+  std::unique_ptr<WorkerState> state_;
+  Handler handler_{std::size_t{1} << 22};
 };
 
 const char* const kAllRoutes[] = {"/",
@@ -133,15 +138,14 @@ TEST_F(HandlerTest, CodedBodiesDecodeToTheIdentityBody) {
 }
 
 TEST_F(HandlerTest, StoredFramesGoOutUntouched) {
-  const auto snapshot = site_.datasets[0].store.snapshot();
+  const auto snapshot = dataset().store.snapshot();
   ASSERT_TRUE(snapshot.has_value());
   const auto value = snapshot->find({PieceKind::kBody, 1, 3, 1});
   ASSERT_TRUE(value && is_zstd_frame(*value));
   const Response response = get("/world/body/1/3/1", "zstd");
   EXPECT_EQ(field(response, "Content-Encoding"), "zstd");
-  ASSERT_EQ(response.body.size(), 1u);
-  EXPECT_EQ(response.body[0].bytes.data(), value->data()) << "from the memory map, not copied";
-  EXPECT_TRUE(response.pin.has_value());
+  ASSERT_EQ(response.body().size(), 1u);
+  EXPECT_EQ(response.body()[0].data(), value->data()) << "from the memory map, not copied";
   EXPECT_TRUE(decode_body(body_of(get("/world/body/1/3/1"))).has_value());
 }
 
@@ -159,7 +163,7 @@ TEST_F(HandlerTest, EntityTagsDifferByCodingAndVariantAndGive304) {
       for (const std::string& condition : {tag, "W/" + tag, "\"x\", " + tag, std::string("*")}) {
         const Response same = get("/world/1/2/1.terrain", encoding, condition, wish);
         EXPECT_EQ(same.status, 304);
-        EXPECT_TRUE(same.body.empty());
+        EXPECT_TRUE(same.body().empty());
         EXPECT_FALSE(same.content_length.has_value());
         EXPECT_EQ(field(same, "ETag"), tag);
         EXPECT_EQ(field(same, "Vary"), field(full, "Vary"));
@@ -212,8 +216,7 @@ TEST_F(HandlerTest, HeadIsGetWithoutBody) {
       EXPECT_EQ(head.status, full.status);
       EXPECT_EQ(head.fields, full.fields);
       EXPECT_EQ(head.content_length, full.content_length);
-      EXPECT_TRUE(head.body.empty());
-      EXPECT_FALSE(head.pin.has_value());
+      EXPECT_TRUE(head.body().empty());
     }
   }
 }
@@ -238,7 +241,7 @@ TEST_F(HandlerTest, OptionsAnswersPreflight) {
     const Response response = get(target, std::nullopt, std::nullopt, std::nullopt, "OPTIONS");
     EXPECT_EQ(response.status, 204);
     EXPECT_FALSE(response.content_length.has_value());
-    EXPECT_TRUE(response.body.empty());
+    EXPECT_TRUE(response.body().empty());
     EXPECT_EQ(field(response, "Access-Control-Allow-Methods"), "GET, HEAD, OPTIONS");
     EXPECT_EQ(field(response, "Access-Control-Allow-Headers"), "*");
   }
@@ -262,7 +265,7 @@ TEST_F(HandlerTest, PartsAreTheNineValuesOfTheStore) {
   EXPECT_EQ(in.fixed<std::uint32_t>(), 1u);
   std::array<std::uint32_t, 9> lengths;
   for (auto& length : lengths) length = in.fixed<std::uint32_t>();
-  const auto snapshot = site_.datasets[0].store.snapshot();
+  const auto snapshot = dataset().store.snapshot();
   const auto keys = pieces_of({1, 2, 1});
   for (std::size_t k = 0; k < 9; ++k) {
     const ByteView value = in.raw(lengths[k]);
@@ -305,12 +308,13 @@ TEST_F(HandlerTest, PagesEscapeAndAskNoOtherHost) {
 TEST_F(HandlerTest, WithoutCesiumThePageSaysSo) {
   Settings settings;
   settings.datasets = {directory_.path + "/world.tind"};
-  const auto site = make_site(settings);
+  auto site = make_site(settings);
   ASSERT_TRUE(site.has_value());
-  Handler handler(*site, 0);
-  EXPECT_THAT(text_of(handler.handle({"GET", "/world/", {}, {}, {}})), HasSubstr("CesiumJS is not installed"));
-  EXPECT_THAT(text_of(handler.handle({"GET", "/", {}, {}, {}})), HasSubstr("--cesium"));
-  EXPECT_EQ(handler.handle({"GET", "/cesium/Cesium.js", {}, {}, {}}).status, 404);
+  holder_->replace(std::make_shared<const Site>(std::move(*site)));
+  state_->begin_batch();
+  EXPECT_THAT(text_of(get("/world/")), HasSubstr("CesiumJS is not installed"));
+  EXPECT_THAT(text_of(get("/")), HasSubstr("--cesium"));
+  EXPECT_EQ(get("/cesium/Cesium.js").status, 404);
 }
 
 TEST_F(HandlerTest, SiteRefusesTwinsReservedNamesAndMissingFiles) {

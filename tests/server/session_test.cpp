@@ -28,9 +28,9 @@ class SessionTest : public testing::Test {
     settings_.datasets = {directory_.path + "/world.tind"};
     auto site = make_site(settings_);
     ASSERT_TRUE(site.has_value()) << site.error().message;
-    site_ = std::move(*site);
-    handler_ = std::make_unique<Handler>(site_, std::size_t{1} << 22);
-    worker_ = std::make_unique<Worker>(settings_, *handler_, n_connections_);
+    site_ = std::make_unique<SiteHolder>(std::make_shared<const Site>(std::move(*site)));
+    handler_ = std::make_unique<Handler>(std::size_t{1} << 22);
+    worker_ = std::make_unique<Worker>(settings_, *handler_, *site_, n_connections_);
     const auto bound = worker_->listen({boost::asio::ip::make_address("127.0.0.1"), 0});
     ASSERT_TRUE(bound.has_value()) << bound.error().message;
     port_ = worker_->port();
@@ -52,7 +52,7 @@ class SessionTest : public testing::Test {
 
   test::TemporaryDirectory directory_;
   Settings settings_;
-  Site site_;
+  std::unique_ptr<SiteHolder> site_;
   std::atomic<int> n_connections_ = 0;
   std::unique_ptr<Handler> handler_;
   std::unique_ptr<Worker> worker_;

@@ -1,0 +1,64 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+#include <array>
+#include <cassert>
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <string_view>
+
+#include "core/format/bytes.hpp"
+
+namespace tind {
+
+/// An answer without what the connection adds (status line, Date, Connection, Content-Length). Made to be used again
+/// and again: reset() keeps the memory of `fields`, so that answering takes none. The body is views: into a dataset's
+/// memory map, which the WorkerState holds until its next batch, or into what keep() was given.
+class Response {
+ public:
+  static constexpr std::size_t kMaxSlices = 16;
+
+  int status = 200;
+  std::string fields;                           ///< Header lines, each ended by CRLF.
+  std::optional<std::uint64_t> content_length;  ///< What GET sends; absent for 204 and 304.
+
+  /// As new.
+  void reset() {
+    status = 200;
+    fields.clear();
+    content_length.reset();
+    drop_body();
+  }
+  /// For HEAD and 304: the fields stay.
+  void drop_body() {
+    n_slices_ = 0;
+    owner_.reset();
+  }
+  /// Appends to the body, at most kMaxSlices times; empty views are left out.
+  void add(ByteView bytes) {
+    if (bytes.empty()) return;
+    assert(n_slices_ < kMaxSlices);
+    slices_[n_slices_++] = bytes;
+  }
+  /// Holds the memory of the body's views until the answer is sent or copied. One owner an answer.
+  void keep(std::shared_ptr<const void> owner) { owner_ = std::move(owner); }
+  /// For the sender: the owner, handed over.
+  std::shared_ptr<const void> take_owner() { return std::move(owner_); }
+  std::span<const ByteView> body() const { return {slices_.data(), n_slices_}; }
+
+ private:
+  std::array<ByteView, kMaxSlices> slices_;
+  std::size_t n_slices_ = 0;
+  std::shared_ptr<const void> owner_;
+};
+
+/// Makes `out` an answer in one line of plain text, also for failures that never reach the handler.
+void text_response(Response& out, int status, std::string_view text, std::string_view more_fields = {});
+
+/// "Not Found" for 404 and so on.
+const char* reason_phrase(int status);
+
+}  // namespace tind

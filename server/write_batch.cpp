@@ -1,0 +1,71 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "server/write_batch.hpp"
+
+#include <charconv>
+
+namespace tind {
+namespace {
+
+void append_number(std::string& out, std::uint64_t value) {
+  char digits[20];
+  const auto end = std::to_chars(digits, digits + sizeof digits, value).ptr;
+  out.append(digits, static_cast<std::size_t>(end - digits));
+}
+
+}  // namespace
+
+void WriteBatch::add(Response& response, std::string_view common, bool keep_alive) {
+  const std::size_t before = heads_.size();
+  heads_ += "HTTP/1.1 ";
+  append_number(heads_, static_cast<std::uint64_t>(response.status));
+  heads_ += ' ';
+  heads_ += reason_phrase(response.status);
+  heads_ += "\r\n";
+  heads_ += common;
+  heads_ += response.fields;
+  if (response.content_length) {
+    heads_ += "Content-Length: ";
+    append_number(heads_, *response.content_length);
+    heads_ += "\r\n";
+  }
+  heads_ += keep_alive ? "Connection: keep-alive\r\n\r\n" : "Connection: close\r\n\r\n";
+  parts_.push_back({nullptr, heads_.size() - before});
+  n_bytes_ += heads_.size() - before;
+  for (const ByteView slice : response.body()) {
+    parts_.push_back({slice.data(), slice.size()});
+    n_bytes_ += slice.size();
+  }
+  if (auto owner = response.take_owner()) owners_.push_back(std::move(owner));
+}
+
+std::span<const iovec> WriteBatch::buffers() {
+  buffers_.clear();
+  const char* head = heads_.data();
+  for (const Part& part : parts_) {
+    const void* data = part.body ? static_cast<const void*>(part.body) : head;
+    if (!part.body) head += part.n;
+    buffers_.push_back({const_cast<void*>(data), part.n});
+  }
+  return buffers_;
+}
+
+void WriteBatch::copy_rest(std::size_t n_sent, std::string& out) const {
+  out.reserve(out.size() + n_bytes_ - n_sent);
+  const char* head = heads_.data();
+  for (const Part& part : parts_) {
+    const char* data = part.body ? reinterpret_cast<const char*>(part.body) : head;
+    if (!part.body) head += part.n;
+    const std::size_t skip = std::min(n_sent, part.n);
+    n_sent -= skip;
+    out.append(data + skip, part.n - skip);
+  }
+}
+
+void WriteBatch::clear() {
+  heads_.clear();
+  parts_.clear();
+  owners_.clear();
+  n_bytes_ = 0;
+}
+
+}  // namespace tind
