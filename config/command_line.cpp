@@ -38,6 +38,10 @@ std::variant<Settings, CommandExit> read_command_line(const std::vector<std::str
   CLI::App app("Serves TIN pyramids made by tind-build over HTTP.", "tind");
   app.set_version_flag("--version", "tind " TIND_VERSION, "print the version and exit");
   app.set_help_flag("--help,-h", "print this help and exit");
+  std::string print_config;  // a flag's text is "true"
+  app.add_flag("--print-config", print_config,
+               "print the settings in effect as a configuration file and exit; --print-config=origins says where each "
+               "comes from");
   app.footer(
       "Each option can also be set by a variable of the environment (--idle-timeout-s: TIND_IDLE_TIMEOUT_S;\n"
       "datasets: TIND_DATASETS, separated by colons) or in the configuration file (idle_timeout_s). The command\n"
@@ -47,7 +51,7 @@ std::variant<Settings, CommandExit> read_command_line(const std::vector<std::str
       "Example: tind alps.tind andes.tind --listen 0.0.0.0:8080");
   std::vector<std::string> datasets;
   std::string config_path;
-  app.add_option("datasets", datasets, "files made by tind-build; NAME.tind is served under /NAME/")
+  app.add_option("datasets", datasets, "files made by tind-build, or folders of them; NAME.tind is served under /NAME/")
       ->type_name("NAME.tind");
   app.add_option("--config", config_path, "configuration file (JSON)")->type_name("FILE");
   std::map<const OptionSpec*, std::string> given;
@@ -68,7 +72,11 @@ std::variant<Settings, CommandExit> read_command_line(const std::vector<std::str
     return usage_error(error.what());
   }
 
+  if (!print_config.empty() && print_config != "true" && print_config != "origins") {
+    return usage_error("--print-config=" + print_config + ": only =origins");
+  }
   Settings settings;
+  std::map<std::string, std::string> origins;
   if (config_path.empty()) config_path = environment("TIND_CONFIG").value_or("");
   if (!config_path.empty()) {
     const auto text = read_file(config_path);
@@ -76,17 +84,26 @@ std::variant<Settings, CommandExit> read_command_line(const std::vector<std::str
     const auto overlaid = overlay_json(settings, *text, config_path);
     if (!overlaid) return usage_error(overlaid.error().message);
     settings = *overlaid;
+    for (const std::string& name : json_members(*text)) origins[name] = config_path;
   }
   const auto overlaid = overlay_environment(settings, environment);
   if (!overlaid) return usage_error(overlaid.error().message);
   settings = *overlaid;
+  if (environment("TIND_DATASETS").value_or("") != "") origins["datasets"] = "TIND_DATASETS";
   for (const auto& [option, handle] : added) {
+    if (environment(variable_of(*option))) origins[option->name] = variable_of(*option);
     if (handle->count() == 0) continue;
+    origins[option->name] = flag_of(*option);
     const auto set = set_option(settings, *option, given[option], flag_of(*option));
     if (!set) return usage_error(set.error().message);
   }
-  if (!datasets.empty()) settings.datasets = datasets;
-  if (settings.datasets.empty()) return usage_error("no dataset: give at least one NAME.tind");
+  if (!datasets.empty()) {
+    settings.datasets.assign(datasets.begin(), datasets.end());
+    origins["datasets"] = "the command line";
+  }
+  if (!print_config.empty())
+    return CommandExit{0, print_settings(settings, print_config == "origins" ? &origins : nullptr)};
+  if (settings.datasets.empty()) return usage_error("no dataset: give at least one NAME.tind or a folder");
   return settings;
 }
 

@@ -37,7 +37,8 @@ void SiteHolder::replace(std::shared_ptr<const Site> site) {
 
 Result<Site> make_site(const Settings& settings) {
   Site site;
-  for (const std::string& path : settings.datasets) {
+  for (const DatasetSpec& spec : settings.datasets) {
+    const std::string& path = spec.path;
     auto dataset = open_dataset(path);
     if (!dataset) return tl::unexpected(dataset.error());
     if (!site.by_name.emplace(dataset->name, site.datasets.size()).second) {

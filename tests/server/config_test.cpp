@@ -59,9 +59,10 @@ TEST(Config, CommandLineWinsOverEnvironmentOverFileOverDefaults) {
   EXPECT_EQ(s.cache_mb, 3);
   EXPECT_EQ(s.idle_timeout_s, 2);
   EXPECT_EQ(s.drain_timeout_s, Settings().drain_timeout_s);
-  EXPECT_EQ(s.datasets, (std::vector<std::string>{"c.tind"}));
-  EXPECT_EQ(settings_of({"--config", file.path}, variables).datasets, (std::vector<std::string>{"e.tind", "g.tind"}));
-  EXPECT_EQ(settings_of({"--config", file.path}).datasets, (std::vector<std::string>{"f.tind"}));
+  EXPECT_EQ(s.datasets, (std::vector<DatasetSpec>{"c.tind"}));
+  EXPECT_EQ(settings_of({"--config", file.path}, variables).datasets,
+            (std::vector<DatasetSpec>{{"e.tind"}, {"g.tind"}}));
+  EXPECT_EQ(settings_of({"--config", file.path}).datasets, (std::vector<DatasetSpec>{"f.tind"}));
   EXPECT_EQ(settings_of({}, {{"TIND_CONFIG", file.path}}).threads, 2);
 }
 
@@ -87,6 +88,70 @@ TEST(Config, UsageErrorsAreOneLineAndStatus2) {
   EXPECT_FALSE(overlay_json({}, R"({"datasets": "a"})", "f").has_value());
   EXPECT_FALSE(overlay_json({}, "{", "f").has_value());
   EXPECT_FALSE(overlay_json({}, "[]", "f").has_value());
+}
+
+TEST(Config, DatasetsAreNamedAndHaveBases) {
+  const auto read = overlay_json({}, R"({"datasets": ["w.tind", {"path": "a-2.tind", "name": "a", "base": "w"},
+      {"path": "folder", "base": "w", "base_mode": "parent_url"}]})",
+                                 "f");
+  ASSERT_TRUE(read.has_value()) << read.error().message;
+  ASSERT_EQ(read->datasets.size(), 3u);
+  EXPECT_EQ(read->datasets[0], DatasetSpec("w.tind"));
+  EXPECT_EQ(read->datasets[1].name, "a");
+  EXPECT_EQ(read->datasets[1].base, "w");
+  EXPECT_EQ(read->datasets[1].base_mode, BaseMode::kMerge);
+  EXPECT_EQ(read->datasets[2].base_mode, BaseMode::kParentUrl);
+}
+
+TEST(Config, MessagesNameFileMemberAndWhatIsAllowed) {
+  const std::pair<const char*, std::vector<const char*>> cases[] = {
+      {R"({"threads": "2"})", {"f.json", "\"threads\"", "from 0 to 1024"}},
+      {R"({"threads": 2000})", {"f.json", "\"threads\"", "2000", "from 0 to 1024"}},
+      {R"({"watch": "maybe"})", {"f.json", "\"watch\"", "maybe", "auto, poll, off"}},
+      {R"({"listen": 80})", {"f.json", "\"listen\"", "string"}},
+      {R"({"colour": 1})", {"f.json", "\"colour\"", "not a setting"}},
+      {R"({"datasets": ["a", 1]})", {"f.json", "\"datasets\"[1]", "path"}},
+      {R"({"datasets": [""]})", {"\"datasets\"[0]"}},
+      {R"({"datasets": [{"name": "x"}]})", {"\"datasets\"[0]", "\"path\" is missing"}},
+      {R"({"datasets": [{"path": "x", "name": "a/b"}]})", {"slash"}},
+      {R"({"datasets": [{"path": "x", "base_mode": "both"}]})", {"both", "merge", "parent_url"}},
+      {R"({"datasets": [{"path": "x", "color": "red"}]})", {"color", "path, name, base"}},
+      {R"({"datasets": [{"path": 7}]})", {"\"path\" is not a string"}},
+      {"{\n  \"threads\": 2,,\n}", {"f.json", "line 2, column 16"}},
+  };
+  for (const auto& [text, words] : cases) {
+    const auto read = overlay_json({}, text, "f.json");
+    ASSERT_FALSE(read.has_value()) << text;
+    for (const char* word : words) EXPECT_THAT(read.error().message, testing::HasSubstr(word));
+  }
+}
+
+TEST(Config, WhatIsPrintedIsAConfigurationFileThatSaysTheSame) {
+  const ConfigFile file(
+      R"({"datasets": ["w.tind", {"path": "a.tind", "name": "b", "base": "w", "base_mode": "parent_url"},
+      {"path": "c.tind", "base": "w"}], "threads": 2, "cache_mb": 2})");
+  const Variables variables = {{"TIND_CACHE_MB", "3"}};
+  const std::vector<std::string> arguments = {"--config", file.path, "--idle-timeout-s", "9", "--watch", "poll"};
+  std::vector<std::string> printing = arguments;
+  printing.push_back("--print-config");
+  const CommandExit printed = exit_of(printing, variables);
+  EXPECT_EQ(printed.status, 0);
+  const auto read = overlay_json({}, printed.text, "printed");
+  ASSERT_TRUE(read.has_value()) << read.error().message;
+  EXPECT_EQ(*read, settings_of(arguments, variables));
+  EXPECT_EQ(read->cache_mb, 3);
+  EXPECT_EQ(read->watch, "poll");
+
+  printing.back() += "=origins";
+  const auto origins = nlohmann::json::parse(exit_of(printing, variables).text);
+  EXPECT_EQ(origins["threads"]["from"], file.path);
+  EXPECT_EQ(origins["cache_mb"]["from"], "TIND_CACHE_MB");
+  EXPECT_EQ(origins["cache_mb"]["value"], 3);
+  EXPECT_EQ(origins["watch"]["from"], "--watch");
+  EXPECT_EQ(origins["listen"]["from"], "default");
+  EXPECT_EQ(origins["datasets"]["from"], file.path);
+  EXPECT_EQ(exit_of({"a.tind", "--print-config=nonsense"}).status, 2);
+  EXPECT_EQ(exit_of({"--print-config"}).status, 0) << "also without datasets";
 }
 
 TEST(Config, HelpNamesEveryOptionWithItsDefault) {
@@ -119,6 +184,11 @@ TEST(Config, ExampleSchemaAndManualAgreeWithTheCode) {
     EXPECT_EQ(property.at("description"), option.help);
     if (const auto* text = std::get_if<std::string Settings::*>(&option.member)) {
       EXPECT_EQ(property.at("default"), Settings().**text);
+      if (const auto choices = choices_of(option); !choices.empty()) {
+        EXPECT_EQ(property.at("enum"), nlohmann::json(choices));
+      } else {
+        EXPECT_FALSE(property.contains("enum"));
+      }
     } else {
       EXPECT_EQ(property.at("default"), Settings().*std::get<int Settings::*>(option.member));
       EXPECT_EQ(property.at("minimum"), option.minimum);
