@@ -33,8 +33,8 @@ Result<std::string> read_file(const std::string& path) {
 
 }  // namespace
 
-std::variant<Settings, CommandExit> read_command_line(const std::vector<std::string>& arguments,
-                                                      const Environment& environment) {
+std::variant<Settings, CommandExit, CheckRequest> read_command_line(const std::vector<std::string>& arguments,
+                                                                    const Environment& environment) {
   CLI::App app("Serves TIN pyramids made by tind-build over HTTP.", "tind");
   app.set_version_flag("--version", "tind " TIND_VERSION, "print the version and exit");
   app.set_help_flag("--help,-h", "print this help and exit");
@@ -47,13 +47,17 @@ std::variant<Settings, CommandExit> read_command_line(const std::vector<std::str
       "datasets: TIND_DATASETS, separated by colons) or in the configuration file (idle_timeout_s). The command\n"
       "line wins over the environment, and this over the file.\n\n"
       "SIGTERM and SIGINT finish what is under way, then exit.\n"
-      "Exit status: 0 stopped by a signal, 1 failed, 2 wrong usage.\n\n"
-      "Example: tind alps.tind andes.tind --listen 0.0.0.0:8080");
+      "Exit status: 0 stopped by a signal, 1 failed, 2 wrong usage; of --check: 0 sound, 1 damaged, 2 wrong usage.\n\n"
+      "Examples: tind alps.tind andes.tind --listen 0.0.0.0:8080\n"
+      "          tind --check alps.tind");
   std::vector<std::string> datasets;
   std::string config_path;
   app.add_option("datasets", datasets, "files made by tind-build, or folders of them; NAME.tind is served under /NAME/")
       ->type_name("NAME.tind");
   app.add_option("--config", config_path, "configuration file (JSON)")->type_name("FILE");
+  bool is_check = false, as_json = false;
+  app.add_flag("--check", is_check, "read the files whole and say whether they are sound; serve nothing");
+  app.add_flag("--json", as_json, "with --check: print what was found as JSON")->needs("--check");
   std::map<const OptionSpec*, std::string> given;
   std::map<const OptionSpec*, CLI::Option*> added;
   for (const OptionSpec& option : option_table()) {
@@ -75,6 +79,11 @@ std::variant<Settings, CommandExit> read_command_line(const std::vector<std::str
   if (!print_config.empty() && print_config != "true" && print_config != "origins") {
     return usage_error("--print-config=" + print_config + ": only =origins");
   }
+  if (is_check) {
+    if (datasets.empty()) return usage_error("--check: name at least one NAME.tind");
+    return CheckRequest{datasets, as_json};
+  }
+
   Settings settings;
   std::map<std::string, std::string> origins;
   if (config_path.empty()) config_path = environment("TIND_CONFIG").value_or("");

@@ -15,9 +15,16 @@ struct CommandExit {
   std::string text;  ///< Ends with a newline.
 };
 
-/// The daemon's settings: command line, over environment (TIND_*), over configuration file (--config or TIND_CONFIG),
-/// over defaults. `arguments`: without the program's name. Reads the configuration file; thread safe otherwise.
-std::variant<Settings, CommandExit> read_command_line(const std::vector<std::string>& arguments,
-                                                      const Environment& environment);
+/// `tind --check`: files to be checked instead of served.
+struct CheckRequest {
+  std::vector<std::string> paths;
+  bool as_json = false;
+};
+
+/// The daemon's settings, or what else it is asked to do: command line, over environment (TIND_*), over configuration
+/// file (--config or TIND_CONFIG), over defaults. `arguments`: without the program's name. Reads the configuration
+/// file; thread safe otherwise.
+std::variant<Settings, CommandExit, CheckRequest> read_command_line(const std::vector<std::string>& arguments,
+                                                                    const Environment& environment);
 
 }  // namespace tind

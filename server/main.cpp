@@ -6,6 +6,7 @@
 
 #include "config/command_line.hpp"
 #include "server/listener.hpp"
+#include "storage/doctor/check_command.hpp"
 
 namespace {
 
@@ -27,6 +28,9 @@ int run(const std::vector<std::string>& arguments) {
   if (const auto* done = std::get_if<tind::CommandExit>(&command)) {
     std::fputs(done->text.c_str(), done->status == 0 ? stdout : stderr);
     return done->status;
+  }
+  if (const auto* check = std::get_if<tind::CheckRequest>(&command)) {
+    return tind::run_check({check->paths, check->as_json, 0}, stdout, stderr);
   }
   const auto& settings = std::get<tind::Settings>(command);
   auto site = tind::make_site(settings);

@@ -37,17 +37,6 @@ std::array<std::uint8_t, kKeyBytes> key_bytes(const PieceKey& key) {
   return bytes;
 }
 
-// The key of one of a store's records; nullopt: not one of a piece.
-std::optional<PieceKey> piece_key_of(ByteView bytes) {
-  if (bytes.size() != kKeyBytes || bytes[9] > static_cast<std::uint8_t>(PieceKind::kInputs)) return std::nullopt;
-  std::uint64_t code = 0;
-  for (std::size_t b = 0; b < 8; ++b) code = code << 8 | bytes[1 + b];
-  const PieceKey key{static_cast<PieceKind>(bytes[9]), bytes[0], morton_decode_even(code),
-                     morton_decode_even(code >> 1)};
-  if (!key.valid() || key != key.canonical()) return std::nullopt;
-  return key;
-}
-
 MDB_val to_val(ByteView bytes) { return {bytes.size(), const_cast<std::uint8_t*>(bytes.data())}; }
 
 std::optional<ByteView> get(MDB_txn* txn, MDB_dbi dbi, ByteView key) {
@@ -66,6 +55,24 @@ Error lmdb_error(const std::string& path, const char* doing, int code) {
 }
 
 }  // namespace
+
+std::optional<PieceKey> parse_piece_key(ByteView bytes) {
+  if (bytes.size() != kKeyBytes || bytes[9] > static_cast<std::uint8_t>(PieceKind::kInputs)) return std::nullopt;
+  std::uint64_t code = 0;
+  for (std::size_t b = 0; b < 8; ++b) code = code << 8 | bytes[1 + b];
+  const PieceKey key{static_cast<PieceKind>(bytes[9]), bytes[0], morton_decode_even(code),
+                     morton_decode_even(code >> 1)};
+  if (!key.valid() || key != key.canonical()) return std::nullopt;
+  return key;
+}
+
+bool is_manifest_key(ByteView key) {
+  return key.size() == kManifestKey.size() && key[0] == kManifestKey[0] && key[1] == kManifestKey[1];
+}
+
+bool is_unknown_kind(ByteView key) {
+  return key.size() == kKeyBytes && key[0] <= kMaxLevel && key[9] > static_cast<std::uint8_t>(PieceKind::kInputs);
+}
 
 struct TileStore::Impl {
   std::string path;
@@ -113,9 +120,8 @@ Result<std::optional<TileStore::Piece>> TileStore::Cursor::next() {
   if (code == MDB_NOTFOUND) return std::nullopt;
   if (code != 0) return fail(ErrorKind::kIo, std::string("reading failed: ") + mdb_strerror(code));
   const ByteView key(static_cast<const std::uint8_t*>(k.mv_data), k.mv_size);
-  if (std::equal(key.begin(), key.end(), kManifestKey.begin(), kManifestKey.end()))
-    return std::nullopt;  // the last key
-  const auto piece = piece_key_of(key);
+  if (is_manifest_key(key)) return std::nullopt;  // the last key
+  const auto piece = parse_piece_key(key);
   if (!piece) return fail(ErrorKind::kCorrupt, "a key that is no piece's");
   return Piece{*piece, ByteView(static_cast<const std::uint8_t*>(v.mv_data), v.mv_size)};
 }

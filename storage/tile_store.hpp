@@ -11,6 +11,13 @@
 
 namespace tind {
 
+/// The piece that a record's key names (docs/format.md 2); nullopt: not one that a builder writes.
+std::optional<PieceKey> parse_piece_key(ByteView key);
+/// True iff it is the key of the manifest's record.
+bool is_manifest_key(ByteView key);
+/// True iff it could be the key of a kind of piece that this version does not know: readers pass over those.
+bool is_unknown_kind(ByteView key);
+
 /// Reads one `.tind` file (docs/format.md 2) through LMDB's memory map.
 /// The store is thread safe; a Snapshot belongs to one thread at a time.
 class TileStore {

@@ -11,7 +11,7 @@
 #include <utility>
 
 #include "storage/builder/earlier_pyramid.hpp"
-#include "storage/builder/level_tally.hpp"
+#include "storage/level_tally.hpp"
 #include "storage/builder/output_file.hpp"
 #include "storage/builder/unfinished_output.hpp"
 #include "storage/piece_blob.hpp"

@@ -18,7 +18,7 @@
 #include "core/tessellation.hpp"
 #include "core/triangulator.hpp"
 #include "storage/builder/border_lines.hpp"
-#include "storage/builder/level_tally.hpp"
+#include "storage/level_tally.hpp"
 #include "storage/builder/ordered_pipeline.hpp"
 #include "storage/builder/plan.hpp"
 #include "storage/builder/shard.hpp"

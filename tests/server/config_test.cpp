@@ -22,7 +22,8 @@ std::string read_file(const std::string& path) {
   return {std::istreambuf_iterator<char>(in), {}};
 }
 
-std::variant<Settings, CommandExit> run(const std::vector<std::string>& arguments, const Variables& variables = {}) {
+std::variant<Settings, CommandExit, CheckRequest> run(const std::vector<std::string>& arguments,
+                                                      const Variables& variables = {}) {
   return read_command_line(arguments, [&](const std::string& name) -> std::optional<std::string> {
     const auto found = variables.find(name);
     return found == variables.end() ? std::nullopt : std::optional(found->second);
@@ -39,7 +40,7 @@ Settings settings_of(const std::vector<std::string>& arguments, const Variables&
 CommandExit exit_of(const std::vector<std::string>& arguments, const Variables& variables = {}) {
   const auto result = run(arguments, variables);
   EXPECT_TRUE(std::holds_alternative<CommandExit>(result));
-  return std::holds_alternative<Settings>(result) ? CommandExit{-1, {}} : std::get<CommandExit>(result);
+  return std::holds_alternative<CommandExit>(result) ? std::get<CommandExit>(result) : CommandExit{-1, {}};
 }
 
 class ConfigFile {
@@ -50,6 +51,16 @@ class ConfigFile {
   ~ConfigFile() { unlink(path.c_str()); }
   std::string path;
 };
+
+TEST(Config, CheckTakesFilesAndNothingElse) {
+  const auto asked = run({"--check", "a.tind", "b.tind", "--json"}, {{"TIND_THREADS", "many"}});
+  ASSERT_TRUE(std::holds_alternative<CheckRequest>(asked));
+  EXPECT_EQ(std::get<CheckRequest>(asked).paths, (std::vector<std::string>{"a.tind", "b.tind"}));
+  EXPECT_TRUE(std::get<CheckRequest>(asked).as_json);
+  EXPECT_EQ(exit_of({"--check"}).status, 2);
+  EXPECT_EQ(exit_of({"--check"}, {{"TIND_DATASETS", "a.tind"}}).status, 2);
+  EXPECT_EQ(exit_of({"a.tind", "--json"}).status, 2);
+}
 
 TEST(Config, CommandLineWinsOverEnvironmentOverFileOverDefaults) {
   const ConfigFile file(R"({"datasets": ["f.tind"], "threads": 2, "cache_mb": 2, "idle_timeout_s": 2})");

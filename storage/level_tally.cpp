@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-#include "storage/builder/level_tally.hpp"
+#include "storage/level_tally.hpp"
 
 #include <algorithm>
 #include <cmath>

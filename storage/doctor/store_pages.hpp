@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <string>
+
+#include "core/format/bytes.hpp"
+#include "core/result.hpp"
+
+namespace tind {
+
+/// A file of LMDB 0.9 (data format 1, 64-bit) read page by page, without LMDB: LMDB trusts its pages, and a damaged one
+/// would take the program down. What walk() finds no fault in, LMDB can read. Not thread safe; nobody may write the
+/// file meanwhile.
+class StorePages {
+ public:
+  /// Maps the file and looks at its two meta pages. kNotFound, kIo; kCorrupt: no LMDB file, or cut off.
+  static Result<StorePages> open(const std::string& path);
+  StorePages(StorePages&&) noexcept;
+  StorePages& operator=(StorePages&&) noexcept;
+  ~StorePages();
+
+  /// A record of the unnamed database; the views are valid as long as this object.
+  using OnRecord = std::function<void(ByteView key, ByteView value)>;
+  /// Something is wrong. `key`: of the record, or the first that the damaged page may hold; empty: the file as a whole.
+  using OnFault = std::function<void(ByteView key, const std::string& what)>;
+
+  /// Visits all pages that the newest meta page reaches: each of the right kind, in the file, reached once, its nodes
+  /// inside it and apart from each other, keys ascending and between those of the page above; and the meta page's
+  /// counts. Records come in key order; those of damaged pages are left out.
+  void walk(const OnRecord& on_record, const OnFault& on_fault) const;
+
+  std::uint64_t file_bytes() const { return view_.size(); }
+
+ private:
+  explicit StorePages(ByteView view) : view_(view) {}
+  ByteView view_;  // the map; empty: moved from
+};
+
+}  // namespace tind
