@@ -44,7 +44,11 @@ struct Settings {
   int request_timeout_s = 10;             ///< From a request's first byte to its last; also for a stalled answer.
   int idle_timeout_s = 60;                ///< An open connection without a request.
   int drain_timeout_s = 10;               ///< After SIGTERM: the most that answers under way may take.
-  int cache_mb = 64;                      ///< Memory for finished answers; 0: none.
+  int max_connections_per_address = 0;    ///< Open connections of one IPv4 address or IPv6 /64 network; 0: no limit.
+  int max_requests_per_connection = 0;    ///< The answer to the last one closes the connection; 0: no limit.
+  int min_send_rate_bytes_s = 1024;       ///< Of a waiting answer, averaged over request_timeout_s; 0: any progress.
+  std::string cors_origins = "*";         ///< "*", or origins separated by commas; empty: none.
+  int cache_mb = 512;                     ///< Memory for finished answers; 0: none.
   std::string admin_listen;               ///< As `listen`: metrics, reload, health, datasets; empty: none.
   std::string watch = "auto";             ///< "auto": inotify and polling; "poll"; "off".
   int poll_interval_s = 10;               ///< Seconds between two looks at the files where nothing tells of a change.

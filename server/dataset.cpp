@@ -2,12 +2,15 @@
 #include "server/dataset.hpp"
 
 #include <fmt/format.h>
+#include <sys/stat.h>
 
 #include <algorithm>
+#include <atomic>
 #include <filesystem>
 
 #include "core/assembler.hpp"
 #include "core/format/fnv1a.hpp"
+#include "server/http_date.hpp"
 #include "server/route.hpp"
 #include "storage/piece_blob.hpp"
 #include "storage/zstd_codec.hpp"
@@ -52,7 +55,11 @@ Result<Dataset> open_dataset(const std::string& path) {
   std::string text(json->begin(), json->end());
   // The manifest has a hash of all pieces.
   std::string version = fingerprint({text, TIND_VERSION});
-  return Dataset{std::move(name), std::move(*store), std::move(*manifest), std::move(text), std::move(version)};
+  static std::atomic<std::uint64_t> n_opened = 0;
+  struct stat info {};
+  const std::int64_t modified_s = ::stat(path.c_str(), &info) == 0 ? info.st_mtime : 0;
+  return Dataset{std::move(name),    std::move(*store), std::move(*manifest), std::move(text),
+                 std::move(version), ++n_opened,        modified_s,           format_http_date(modified_s)};
 }
 
 Result<std::optional<VirtualNode>> load_tile(const Dataset& dataset, const TileStore::Snapshot& snapshot,
@@ -88,21 +95,27 @@ Result<std::optional<VirtualNode>> load_tile(const Dataset& dataset, const TileS
   return std::optional(std::move(*node));
 }
 
-Result<std::vector<VirtualNode>> load_neighbours(const Dataset& dataset, const TileStore::Snapshot& snapshot,
-                                                 const TileKey& key) {
+std::vector<TileKey> neighbours_of(const TileKey& key) {
   std::vector<TileKey> seen = {key};  // level 0 has one tile both in the west and in the east
-  std::vector<VirtualNode> neighbours;
   const std::uint32_t n_x = TileKey::count_x(key.level), n_y = TileKey::count_y(key.level);
   for (std::uint32_t dy = 0; dy < 3; ++dy) {
     if (key.y + dy < 1 || key.y + dy > n_y) continue;
     for (std::uint32_t dx = 0; dx < 3; ++dx) {
       const TileKey other{key.level, (key.x + n_x + dx - 1) % n_x, key.y + dy - 1};
-      if (std::find(seen.begin(), seen.end(), other) != seen.end()) continue;
-      seen.push_back(other);
-      auto tile = load_tile(dataset, snapshot, other);
-      if (!tile) return tl::unexpected(tile.error());
-      if (*tile) neighbours.push_back(std::move(**tile));
+      if (std::find(seen.begin(), seen.end(), other) == seen.end()) seen.push_back(other);
     }
+  }
+  seen.erase(seen.begin());
+  return seen;
+}
+
+Result<std::vector<VirtualNode>> load_neighbours(const Dataset& dataset, const TileStore::Snapshot& snapshot,
+                                                 const TileKey& key) {
+  std::vector<VirtualNode> neighbours;
+  for (const TileKey& other : neighbours_of(key)) {
+    auto tile = load_tile(dataset, snapshot, other);
+    if (!tile) return tl::unexpected(tile.error());
+    if (*tile) neighbours.push_back(std::move(**tile));
   }
   return neighbours;
 }

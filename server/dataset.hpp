@@ -19,7 +19,10 @@ struct Dataset {
   TileStore store;
   Manifest manifest;
   std::string manifest_json;
-  std::string version;  ///< 16 hex digits; changes with the file's manifest and with the daemon's version.
+  std::string version;          ///< 16 hex digits; changes with the file's manifest and with the daemon's version.
+  std::uint64_t id = 0;         ///< Never 0, another for each that this process opens: for keys of caches.
+  std::int64_t modified_s = 0;  ///< When the file was last written, seconds since 1970.
+  std::string last_modified;    ///< The same as HTTP says it.
 };
 
 /// Opens a file. Fails as TileStore::open and decode_manifest do, and with kInvalidInput on a name that a route has.
@@ -28,6 +31,9 @@ Result<Dataset> open_dataset(const std::string& path);
 /// Reads and assembles a tile. nullopt: not stored. kCorrupt: a piece is missing or broken.
 Result<std::optional<VirtualNode>> load_tile(const Dataset& dataset, const TileStore::Snapshot& snapshot,
                                              const TileKey& key);
+
+/// The tiles of the same level that touch `key`, itself not included, wrapping in x, each once. At most eight.
+std::vector<TileKey> neighbours_of(const TileKey& key);
 
 /// The stored tiles of the same level that touch `key`, itself not included, wrapping in x, each once.
 Result<std::vector<VirtualNode>> load_neighbours(const Dataset& dataset, const TileStore::Snapshot& snapshot,

@@ -6,26 +6,31 @@
 #include <array>
 #include <cstdio>
 #include <cstring>
-#include <iterator>
-#include <nlohmann/json.hpp>
 
-#include "core/format/quantized_mesh.hpp"
-#include "core/format/vn.hpp"
-#include "core/tessellation.hpp"
+#include "server/conditions.hpp"
 #include "server/negotiation.hpp"
-#include "server/route.hpp"
 #include "server/static_files.hpp"
+#include "storage/value_hash.hpp"
 #include "storage/zstd_codec.hpp"
 
 namespace tind {
 namespace {
 
-constexpr int kOk = 200, kNoContent = 204, kMovedPermanently = 308, kNotModified = 304, kNotFound = 404,
-              kMethodNotAllowed = 405, kInternalError = 500, kUnavailable = 503;
-constexpr const char* kAllow = "GET, HEAD, OPTIONS";
+constexpr int kOk = 200, kNoContent = 204, kPartialContent = 206, kNotModified = 304, kMovedPermanently = 308,
+              kNotFound = 404, kMethodNotAllowed = 405, kPreconditionFailed = 412, kRangeNotSatisfiable = 416,
+              kInternalError = 500, kNotImplemented = 501, kUnavailable = 503;
+constexpr std::size_t kMegabyte = std::size_t{1} << 20;
+constexpr std::string_view kAllow = "Allow: GET, HEAD, OPTIONS\r\n";
 // An address that carries the dataset's version never changes its bytes; all others are asked again after a minute.
-constexpr const char* kForever = "public, max-age=31536000, immutable";
-constexpr const char* kShortly = "public, max-age=60";
+constexpr std::string_view kForever = "Cache-Control: public, max-age=31536000, immutable\r\n";
+constexpr std::string_view kShortly = "Cache-Control: public, max-age=60\r\n";
+constexpr std::string_view kNever = "Cache-Control: no-store\r\n";
+constexpr std::string_view kRanges = "Accept-Ranges: bytes\r\n";
+// What RFC 9110 and RFC 5789 know; any other word is no method to us.
+constexpr std::array<std::string_view, 6> kOtherMethods = {"POST", "PUT", "DELETE", "PATCH", "TRACE", "CONNECT"};
+
+// Representations in the cache's keys: two bits of coding below, these above.
+enum class Kind : std::uint32_t { kTerrain, kTerrainWithNormals, kVn, kCodes, kDocument, kFile };
 
 template <class... Visitors>
 struct Overloaded : Visitors... {
@@ -34,58 +39,42 @@ struct Overloaded : Visitors... {
 template <class... Visitors>
 Overloaded(Visitors...) -> Overloaded<Visitors...>;
 
-std::shared_ptr<const Coded> share(Coded coded) { return std::make_shared<const Coded>(std::move(coded)); }
+std::uint64_t hash_text(std::string_view text) {
+  return value_hash({reinterpret_cast<const std::uint8_t*>(text.data()), text.size()});
+}
+std::uint64_t hash_numbers(std::span<const std::uint64_t> numbers) {
+  return value_hash({reinterpret_cast<const std::uint8_t*>(numbers.data()), numbers.size_bytes()});
+}
 
-Bytes to_bytes(std::string_view text) { return Bytes(text.begin(), text.end()); }
+CacheKey cache_key(std::uint64_t source, Kind kind, Coding coding, const TileKey& key = {}) {
+  static_assert(kMaxLevel <= 28, "level, x and y fit into 64 bits");
+  const std::uint64_t tile = std::uint64_t{key.level} << 58 | std::uint64_t{key.x} << 29 | key.y;
+  return {source, tile, static_cast<std::uint32_t>(kind) << 2 | static_cast<std::uint32_t>(coding)};
+}
+
+// An entity tag, made without memory: "HASH-kind", with the coding's letter.
+class Tag {
+ public:
+  Tag(std::uint64_t hash, std::string_view kind, Coding coding) {
+    constexpr std::string_view kHex = "0123456789abcdef";
+    char* to = text_.data();
+    *to++ = '"';
+    for (int shift = 60; shift >= 0; shift -= 4) *to++ = kHex[hash >> shift & 15];
+    *to++ = '-';
+    std::memcpy(to, kind.data(), kind.size());
+    to += kind.size();
+    if (coding != Coding::kIdentity) *to++ = coding == Coding::kZstd ? 'z' : 'g';
+    *to++ = '"';
+    size_ = static_cast<std::size_t>(to - text_.data());
+  }
+  std::string_view view() const { return {text_.data(), size_}; }
+
+ private:
+  std::array<char, 32> text_;
+  std::size_t size_;
+};
 
 }  // namespace
-
-const char* reason_phrase(int status) {
-  switch (status) {
-    case 200:
-      return "OK";
-    case 204:
-      return "No Content";
-    case 304:
-      return "Not Modified";
-    case 308:
-      return "Permanent Redirect";
-    case 400:
-      return "Bad Request";
-    case 404:
-      return "Not Found";
-    case 405:
-      return "Method Not Allowed";
-    case 408:
-      return "Request Timeout";
-    case 414:
-      return "URI Too Long";
-    case 431:
-      return "Request Header Fields Too Large";
-    case 500:
-      return "Internal Server Error";
-    case 501:
-      return "Not Implemented";
-    case 503:
-      return "Service Unavailable";
-    case 505:
-      return "HTTP Version Not Supported";
-    default:
-      return "";
-  }
-}
-
-void text_response(Response& out, int status, std::string_view text, std::string_view more_fields) {
-  auto body = std::make_shared<Bytes>(to_bytes(text));
-  body->push_back('\n');
-  out.reset();
-  out.status = status;
-  out.fields = "Content-Type: text/plain; charset=utf-8\r\nAccess-Control-Allow-Origin: *\r\n";
-  out.fields += more_fields;
-  out.content_length = body->size();
-  out.add(*body);
-  out.keep(std::move(body));
-}
 
 // What the answers to one request share.
 struct Handler::Context {
@@ -93,245 +82,274 @@ struct Handler::Context {
   WorkerState& worker;
   Response& out;
   Target target;
-  Coding wanted = Coding::kIdentity;
+  Coding wanted;
+  std::string_view cache_control = kShortly;
 
-  /// One representation: type, entity tag, caching. `etag_base` is unique for the resource's bytes, before coding.
-  const char* content_type = "";
-  std::string etag_base = {};
-  const char* cache_control = kShortly;
-  const char* vary = "Accept-Encoding";
-
-  std::string etag() const {
-    const char* suffix = vary[0] == '\0' || wanted == Coding::kIdentity ? "" : wanted == Coding::kZstd ? "-z" : "-g";
-    return '"' + etag_base + suffix + '"';
+  void set_version(const Dataset& dataset) {
+    if (raw_query_value(target.query, "v") == dataset.version) cache_control = kForever;
   }
-  std::string fields() const {
-    std::string text = fmt::format(
-        "ETag: {}\r\nCache-Control: {}\r\nAccess-Control-Allow-Origin: *\r\n"
-        "Access-Control-Expose-Headers: ETag\r\n",
-        etag(), cache_control);
-    if (vary[0] != '\0') text += fmt::format("Vary: {}\r\n", vary);
-    return text;
+  void not_found(std::string_view what) { problem_response(out, kNotFound, what, request.target, kShortly); }
+  void internal_error(const Error& error) {
+    std::fprintf(stderr, "tind: %s\n", error.message.c_str());
+    problem_response(out, kInternalError, "this part of the dataset cannot be read", request.target);
   }
-  bool not_modified() const {
-    if (!request.if_none_match || !etag_matches(*request.if_none_match, etag())) return false;
-    out.reset();
-    out.status = kNotModified;
-    out.fields = fields();
+  // Answers 304 or 412 where the request's conditions want it.
+  template <class AppendFields>
+  bool is_answered_by(const Validators& validators, AppendFields&& append_validators) {
+    const Condition condition = evaluate_conditions(request, validators);
+    if (condition == Condition::kProceed) return false;
+    if (condition == Condition::kFailed) {
+      problem_response(out, kPreconditionFailed, "the resource is not what the request expects", request.target);
+    } else {
+      out.reset();
+      out.status = kNotModified;
+      append_validators(out.fields);
+      out.fields += cache_control;
+    }
     return true;
   }
-  void ok(Coding coding) const {
-    out.reset();
-    out.fields = fmt::format("Content-Type: {}\r\nX-Content-Type-Options: nosniff\r\n{}", content_type, fields());
-    if (coding != Coding::kIdentity) out.fields += fmt::format("Content-Encoding: {}\r\n", coding_name(coding));
+  // Leaves what Range asks for of a 200 that is not coded.
+  void apply_range(const Validators& validators) {
+    out.fields += kRanges;
+    if (!request[RequestField::kRange] || request.method != "GET") return;
+    const std::uint64_t total = *out.content_length;
+    const auto range = choose_range(request, validators, total);
+    if (!range) return;
+    if (range->length == 0) {
+      const std::string content_range = fmt::format("Content-Range: bytes */{}\r\n", total);
+      return problem_response(out, kRangeNotSatisfiable, "the range is outside the resource", request.target,
+                              content_range);
+    }
+    out.status = kPartialContent;
+    out.fields +=
+        fmt::format("Content-Range: bytes {}-{}/{}\r\n", range->first, range->first + range->length - 1, total);
+    out.content_length = range->length;
+    out.cut(range->first, range->length);
   }
-  void whole(const std::shared_ptr<const Coded>& body) const {
-    ok(body->coding);
-    out.content_length = body->bytes.size();
-    out.add(body->bytes);
-    out.keep(body);
+};
+
+// What is known of an answer before its bytes are there.
+struct Handler::Representation {
+  const char* content_type;
+  std::string_view etag;
+  const char* vary;  ///< Empty: the answer depends on the address alone.
+  const Dataset* dataset = nullptr;
+
+  Validators validators() const {
+    return {etag, dataset ? std::optional<std::int64_t>(dataset->modified_s) : std::nullopt};
   }
-  void set_version(const Dataset& dataset) {
-    if (query_value(target.query, "v") == dataset.version) cache_control = kForever;
+  void append_validators(std::string& fields) const {
+    fields.append("ETag: ").append(etag).append("\r\nAccess-Control-Expose-Headers: ETag, Content-Range\r\n");
+    if (dataset) fields.append("Last-Modified: ").append(dataset->last_modified).append("\r\n");
+    if (vary[0] != '\0') fields.append("Vary: ").append(vary).append("\r\n");
+  }
+  void append_content(std::string& fields, Coding coding) const {
+    fields.append("Content-Type: ").append(content_type).append("\r\nX-Content-Type-Options: nosniff\r\n");
+    if (coding != Coding::kIdentity) fields.append("Content-Encoding: ").append(coding_name(coding)).append("\r\n");
   }
 };
 
 namespace {
 
-void not_found(Response& out, const char* what) {
-  text_response(out, kNotFound, what, fmt::format("Cache-Control: {}\r\n", kShortly));
-}
-
-void internal_error(Response& out, const Error& error) {
-  std::fprintf(stderr, "tind: %s\n", error.message.c_str());
-  text_response(out, kInternalError, "this part of the dataset cannot be read");
+void send(Response& out, std::string_view cache_control, const std::shared_ptr<const CachedResponse>& cached) {
+  out.reset();
+  out.fields.append(cached->content_fields).append(cached->validators).append(cache_control);
+  out.content_length = cached->body.bytes.size();
+  out.add(cached->body.bytes);
+  out.keep(cached);
 }
 
 }  // namespace
 
-// The cached representation, or the one that `make` (-> Result<Bytes>) gives.
+Handler::Handler(const Settings& settings)
+    : cache_(static_cast<std::size_t>(settings.cache_mb) * kMegabyte), cross_origin_(settings.cors_origins) {}
+
+// The representation, coded: made by `make` (-> Result<Bytes>) and kept in the cache.
 template <class Make>
-void Handler::coded(Context& context, const std::string& cache_key, Make&& make) {
-  if (context.not_modified()) return;
-  const std::string key = cache_key + "|" + coding_name(context.wanted);
-  std::shared_ptr<const Coded> body = cache_.find(key);
-  if (!body) {
+void Handler::coded(Context& context, const CacheKey& key, const Representation& representation, Make&& make) {
+  const auto append_validators = [&](std::string& fields) { representation.append_validators(fields); };
+  if (context.is_answered_by(representation.validators(), append_validators)) return;
+  const auto lock = cache_.lock_making(key);
+  std::shared_ptr<const CachedResponse> cached = cache_.find(key);
+  if (!cached) {
     Result<Bytes> bytes = make();
-    if (!bytes) return internal_error(context.out, bytes.error());
-    body = share(apply_coding(std::move(*bytes), context.wanted));
-    cache_.put(key, body);
+    if (!bytes) return context.internal_error(bytes.error());
+    auto made = std::make_shared<CachedResponse>();
+    made->etag = representation.etag;
+    representation.append_validators(made->validators);
+    made->body = apply_coding(std::move(*bytes), context.wanted);
+    representation.append_content(made->content_fields, made->body.coding);
+    cached = std::move(made);
+    cache_.put(key, cached);
   }
-  return context.whole(body);
+  send(context.out, context.cache_control, cached);
+  if (cached->body.coding == Coding::kIdentity) context.apply_range(representation.validators());
 }
 
 void Handler::document(Context& context, const Document& document) {
-  context.content_type = document.content_type;
-  context.etag_base = document.etag_base;
-  return coded(context, "document|" + document.etag_base, [&]() -> Result<Bytes> { return to_bytes(document.text); });
+  const std::uint64_t hash = hash_text(document.etag_base);
+  const Tag tag(hash, "d", context.wanted);
+  coded(context, cache_key(hash, Kind::kDocument, context.wanted),
+        {document.content_type, tag.view(), "Accept-Encoding"},
+        [&]() -> Result<Bytes> { return Bytes(document.text.begin(), document.text.end()); });
 }
 
-void Handler::cesium(Context& context, const std::string& path) {
-  if (context.worker.site().cesium_root.empty())
-    return not_found(context.out, "CesiumJS is not installed; start tind with --cesium DIR");
-  const auto file = find_static_file(context.worker.site().cesium_root, path);
-  if (!file) return not_found(context.out, "no such file in CesiumJS");
-  context.content_type = file->content_type;
-  context.etag_base = file->stamp;
-  if (!file->compressible) {
-    context.wanted = Coding::kIdentity;
-    context.vary = "";
-  }
-  return coded(context, "file|" + file->path + "|" + file->stamp, [&] { return read_static_file(*file); });
+void Handler::cesium(Context& context, std::string_view path) {
+  const std::string& root = context.worker.site().cesium_root;
+  if (root.empty()) return context.not_found("CesiumJS is not installed; start tind with --cesium DIR");
+  const auto file = find_static_file(root, std::string(path));
+  if (!file) return context.not_found("no such file in CesiumJS");
+  if (!file->compressible) context.wanted = Coding::kIdentity;
+  const std::uint64_t hash = hash_numbers(std::array{hash_text(file->path), hash_text(file->stamp)});
+  const Tag tag(hash, "f", context.wanted);
+  coded(context, cache_key(hash, Kind::kFile, context.wanted),
+        {file->content_type, tag.view(), file->compressible ? "Accept-Encoding" : ""},
+        [&] { return read_static_file(*file); });
 }
 
-// .terrain and .vn: assembled, then coded.
-void Handler::tile(Context& context, const ServedDataset& served, const TileKey& key, bool terrain) {
-  const Dataset& dataset = *served.dataset;
-  const auto opened = context.worker.snapshot(served.dataset);
-  if (!opened) return internal_error(context.out, opened.error());
-  const TileStore::Snapshot& snapshot = **opened;
-  if (!snapshot.find(PieceKey{PieceKind::kBody, key.level, key.x, key.y}))
-    return not_found(context.out, "no such tile");
-  bool normals = false;
-  if (terrain) {
+void Handler::terrain(Context& context, const ServedDataset& served, const TileKey& key) {
+  bool normals = context.worker.normals_for(context.request[RequestField::kAccept]);
+  if (!normals && !context.target.query.empty()) {
     const auto extensions = query_value(context.target.query, "extensions");
-    normals =
-        wants_normals(context.request.accept, extensions ? std::optional<std::string_view>(*extensions) : std::nullopt);
-    context.vary = "Accept, Accept-Encoding";
+    normals = extensions && wants_normals(std::nullopt, std::string_view(*extensions));
   }
-  context.content_type = terrain ? "application/vnd.quantized-mesh" : "application/vnd.tind.vn";
-  context.etag_base = dataset.version + (terrain ? normals ? "-qn" : "-q" : "-vn");
+  encoded(context, served, key, normals ? EncodedFormat::kTerrainWithNormals : EncodedFormat::kTerrain);
+}
+
+// .terrain, .vn and codes: made of the pieces once, then out of the cache.
+void Handler::encoded(Context& context, const ServedDataset& served, const TileKey& key, EncodedFormat format) {
+  struct Properties {
+    const char* content_type;
+    std::string_view tag;
+    const char* vary;
+  };
+  constexpr std::array<Properties, 4> kProperties = {{
+      {"application/vnd.quantized-mesh", "q", "Accept, Accept-Encoding"},
+      {"application/vnd.quantized-mesh", "qn", "Accept, Accept-Encoding"},
+      {"application/vnd.tind.vn", "vn", "Accept-Encoding"},
+      {"application/json", "c", "Accept-Encoding"},
+  }};
+  const Dataset& dataset = *served.dataset;
   context.set_version(dataset);
-  const std::string cache_key =
-      fmt::format("{}|{}/{}/{}|{}", dataset.name, key.level, key.x, key.y, terrain ? normals ? "qn" : "q" : "vn");
-  return coded(context, cache_key, [&]() -> Result<Bytes> {
-    auto node = load_tile(dataset, snapshot, key);
-    if (!node) return tl::unexpected(node.error());
-    if (!*node || key.level >= dataset.manifest.levels.size()) {
-      return fail(ErrorKind::kCorrupt, dataset.name + ": a tile that the manifest does not know");
+  const CacheKey cached_as = cache_key(dataset.id, static_cast<Kind>(format), context.wanted, key);
+  if (const auto cached = cache_.find(cached_as)) {
+    const Validators validators{cached->etag, dataset.modified_s};
+    if (context.is_answered_by(validators, [&](std::string& fields) { fields += cached->validators; })) return;
+    send(context.out, context.cache_control, cached);
+    if (cached->body.coding == Coding::kIdentity) context.apply_range(validators);
+    return;
+  }
+  const auto resolved = context.worker.resolve(served.dataset, key);
+  if (!resolved) return context.internal_error(resolved.error());
+  if (!*resolved) return context.not_found("no such tile");
+  // The bytes are a function of the pieces, with normals also of the neighbours', and of the encoder.
+  std::array<std::uint64_t, 10> hashes = {encoding_fingerprint(dataset, key), (*resolved)->hash};
+  if (format == EncodedFormat::kTerrainWithNormals) {
+    std::size_t n = 2;
+    for (const TileKey& other : neighbours_of(key)) {
+      const auto neighbour = context.worker.resolve(served.dataset, other);
+      if (!neighbour) return context.internal_error(neighbour.error());
+      hashes[n++] = *neighbour ? (*neighbour)->hash : 1;
     }
-    const LevelInfo& level = dataset.manifest.levels[key.level];
-    const Lattice& lattice = dataset.manifest.lattice;
-    if (!terrain) return encode_vn(lattice, **node, level.tolerance_m);
-    std::vector<VirtualNode> neighbours;
-    if (normals) {
-      auto loaded = load_neighbours(dataset, snapshot, key);
-      if (!loaded) return tl::unexpected(loaded.error());
-      neighbours = std::move(*loaded);
-    }
-    return encode_quantized_mesh(lattice, **node, {level.height_step_m, normals, neighbours});
+  }
+  const Properties& properties = kProperties[static_cast<std::size_t>(format)];
+  const Tag tag(hash_numbers(hashes), properties.tag, context.wanted);
+  coded(context, cached_as, {properties.content_type, tag.view(), properties.vary, &dataset}, [&]() -> Result<Bytes> {
+    const auto snapshot = context.worker.snapshot(served.dataset);
+    if (!snapshot) return tl::unexpected(snapshot.error());
+    return encode_tile(dataset, **snapshot, key, format);
   });
 }
 
+// The nine values out of the memory map, behind a head with their lengths.
 void Handler::parts(Context& context, const ServedDataset& served, const TileKey& key) {
-  constexpr std::size_t kPieces = 9;
-  const Dataset& dataset = *served.dataset;
-  const auto opened = context.worker.snapshot(served.dataset);
-  if (!opened) return internal_error(context.out, opened.error());
-  const TileStore::Snapshot& snapshot = **opened;
-  const auto keys = pieces_of(key);
-  if (!snapshot.find(keys[kPieces - 1])) return not_found(context.out, "no such tile");
-  context.content_type = "application/vnd.tind.parts";
-  context.etag_base = dataset.version + "-parts";
-  context.vary = "";  // the pieces are packed already
-  context.set_version(dataset);
-  if (context.not_modified()) return;
-
-  ByteWriter head;
-  head.raw(to_bytes("TVP1"));
-  head.fixed(key.level);
-  head.fixed(static_cast<std::uint8_t>(kPieces));
-  head.fixed(std::uint16_t{0});
-  head.fixed(key.x);
-  head.fixed(key.y);
-  std::array<ByteView, kPieces> values;
-  std::uint64_t length = 0;
-  for (std::size_t k = 0; k < kPieces; ++k) {
-    const auto value = snapshot.find(keys[k]);
-    if (!value) return internal_error(context.out, {ErrorKind::kCorrupt, dataset.name + ": a piece is missing"});
-    head.fixed(static_cast<std::uint32_t>(value->size()));
-    values[k] = *value;
-    length += value->size();
+  const auto resolved = context.worker.resolve(served.dataset, key);
+  if (!resolved) return context.internal_error(resolved.error());
+  if (!*resolved) return context.not_found("no such tile");
+  const ResolvedTile& tile = **resolved;
+  context.set_version(*served.dataset);
+  const Tag tag(tile.hash, "p", Coding::kIdentity);
+  const Representation representation{"application/vnd.tind.parts", tag.view(), "", served.dataset.get()};
+  if (context.is_answered_by(representation.validators(),
+                             [&](std::string& fields) { representation.append_validators(fields); })) {
+    return;
   }
-  auto owned = std::make_shared<const Bytes>(head.take());
-  context.ok(Coding::kIdentity);
-  context.out.content_length = length + owned->size();
-  context.out.add(*owned);
-  for (const ByteView value : values) context.out.add(value);
-  context.out.keep(std::move(owned));
+  Response& out = context.out;
+  out.reset();
+  representation.append_content(out.fields, Coding::kIdentity);
+  representation.append_validators(out.fields);
+  out.fields += context.cache_control;
+  const auto put = [&](auto value) {
+    out.lead.append(reinterpret_cast<const char*>(&value),
+                    sizeof value);  // little-endian, as core/format/bytes.hpp wants
+  };
+  out.lead += "TVP1";
+  put(key.level);
+  put(static_cast<std::uint8_t>(tile.values.size()));
+  put(std::uint16_t{0});
+  put(key.x);
+  put(key.y);
+  std::uint64_t length = 0;
+  for (const ByteView value : tile.values) {
+    put(static_cast<std::uint32_t>(value.size()));
+    out.add(value);
+    length += value.size();
+  }
+  out.content_length = out.lead.size() + length;
+  context.apply_range(representation.validators());
 }
 
 // One stored value: a zstd frame goes out as it is to whoever takes zstd.
 void Handler::piece(Context& context, const ServedDataset& served, const PieceKey& key) {
-  const Dataset& dataset = *served.dataset;
-  const auto opened = context.worker.snapshot(served.dataset);
-  if (!opened) return internal_error(context.out, opened.error());
-  const TileStore::Snapshot& snapshot = **opened;
-  const auto value = snapshot.find(key);
-  if (!value) return not_found(context.out, "no such piece");
-  context.content_type = "application/vnd.tind.piece";
-  context.etag_base = dataset.version + "-piece";
-  context.set_version(dataset);
-  if (context.not_modified()) return;
-  const bool packed = is_zstd_frame(*value);
-  if (packed && context.wanted != Coding::kZstd) {
-    auto record = unpack_value(*value);
-    if (!record) return internal_error(context.out, record.error());
-    return context.whole(share(apply_coding(std::move(*record), context.wanted)));
+  const auto snapshot = context.worker.snapshot(served.dataset);
+  if (!snapshot) return context.internal_error(snapshot.error());
+  const auto value = (*snapshot)->find(key);
+  if (!value) return context.not_found("no such piece");
+  context.set_version(*served.dataset);
+  const Tag tag(value_hash(*value), "r", context.wanted);
+  const Representation representation{"application/vnd.tind.piece", tag.view(), "Accept-Encoding",
+                                      served.dataset.get()};
+  if (context.is_answered_by(representation.validators(),
+                             [&](std::string& fields) { representation.append_validators(fields); })) {
+    return;
   }
-  context.ok(packed ? Coding::kZstd : Coding::kIdentity);
-  context.out.content_length = value->size();
-  context.out.add(*value);
-}
-
-void Handler::codes(Context& context, const ServedDataset& served, const TileKey& key) {
-  const Dataset& dataset = *served.dataset;
-  const auto opened = context.worker.snapshot(served.dataset);
-  if (!opened) return internal_error(context.out, opened.error());
-  const TileStore::Snapshot& snapshot = **opened;
-  if (!snapshot.find(PieceKey{PieceKind::kBody, key.level, key.x, key.y}))
-    return not_found(context.out, "no such tile");
-  context.content_type = "application/json";
-  context.etag_base = dataset.version + "-codes";
-  context.set_version(dataset);
-  const std::string cache_key = fmt::format("{}|{}/{}/{}|codes", dataset.name, key.level, key.x, key.y);
-  return coded(context, cache_key, [&]() -> Result<Bytes> {
-    using nlohmann::ordered_json;
-    const auto node = load_tile(dataset, snapshot, key);
-    if (!node) return tl::unexpected(node.error());
-    ordered_json gaps = ordered_json::array();
-    for (int gap = 1; gap <= key.level; ++gap) {
-      ordered_json borders = ordered_json::array();
-      for (const auto& entries : (*node)->side_entries) {
-        const CoarseRuns runs = coarse_runs(entries, key.level - gap);
-        borders.push_back(
-            {{"runs", runs.runs}, {"starts_inside", runs.starts_inside}, {"ends_inside", runs.ends_inside}});
-      }
-      gaps.push_back({{"gap", gap}, {"level", key.level - gap}, {"borders", std::move(borders)}});
-    }
-    const ordered_json all = {{"level", key.level}, {"x", key.x}, {"y", key.y}, {"gaps", std::move(gaps)}};
-    return to_bytes(all.dump());
-  });
+  Response& out = context.out;
+  out.reset();
+  Coding coding = Coding::kIdentity;
+  if (!is_zstd_frame(*value) || context.wanted == Coding::kZstd) {
+    coding = is_zstd_frame(*value) ? Coding::kZstd : Coding::kIdentity;
+    out.add(*value);
+    out.content_length = value->size();
+  } else {
+    auto record = unpack_value(*value);
+    if (!record) return context.internal_error(record.error());
+    const auto body = std::make_shared<const Coded>(apply_coding(std::move(*record), context.wanted));
+    coding = body->coding;
+    out.add(body->bytes);
+    out.content_length = body->bytes.size();
+    out.keep(body);
+  }
+  representation.append_content(out.fields, coding);
+  representation.append_validators(out.fields);
+  out.fields += context.cache_control;
+  if (coding == Coding::kIdentity) context.apply_range(representation.validators());
 }
 
 void Handler::answer(Context& context) {
   const Site& site = context.worker.site();
   Response& out = context.out;
-  const auto with_dataset = [&](const std::string& name, auto&& use) {
+  const auto with_dataset = [&](std::string_view name, auto&& use) {
     const ServedDataset* served = site.find(name);
-    served ? use(*served) : not_found(out, "no such dataset");
+    served ? use(*served) : context.not_found("no such dataset");
   };
-  // Copied: the context is written to while it is visited.
-  const Route route = context.target.route;
   std::visit(Overloaded{[&](const IndexRoute&) { document(context, site.index); },
                         [&](const DatasetsRoute&) { document(context, site.list); },
                         [&](const ScriptRoute&) { document(context, site.script); },
                         [&](const StyleRoute&) { document(context, site.style); },
-                        [&](const HealthRoute&) { text_response(out, kOk, "ok", "Cache-Control: no-store\r\n"); },
+                        [&](const HealthRoute&) { text_response(out, kOk, "ok", kNever); },
                         [&](const ReadyRoute&) {
-                          const bool draining = draining_;
-                          text_response(out, draining ? kUnavailable : kOk, draining ? "stopping" : "ready",
-                                        "Cache-Control: no-store\r\n");
+                          if (!draining_) return text_response(out, kOk, "ready", kNever);
+                          problem_response(out, kUnavailable, "stopping", context.request.target, kNever);
                         },
                         [&](const CesiumRoute& r) { cesium(context, r.path); },
                         [&](const DirectoryRoute& r) {
@@ -350,18 +368,20 @@ void Handler::answer(Context& context) {
                         },
                         [&](const TileRoute& r) {
                           with_dataset(r.name, [&](const ServedDataset& served) {
-                            r.format == TileFormat::kParts
-                                ? parts(context, served, r.key)
-                                : tile(context, served, r.key, r.format == TileFormat::kTerrain);
+                            if (r.format == TileFormat::kTerrain) return terrain(context, served, r.key);
+                            if (r.format == TileFormat::kParts) return parts(context, served, r.key);
+                            encoded(context, served, r.key, EncodedFormat::kVn);
                           });
                         },
                         [&](const PieceRoute& r) {
                           with_dataset(r.name, [&](const ServedDataset& served) { piece(context, served, r.key); });
                         },
                         [&](const CodesRoute& r) {
-                          with_dataset(r.name, [&](const ServedDataset& served) { codes(context, served, r.key); });
+                          with_dataset(r.name, [&](const ServedDataset& served) {
+                            encoded(context, served, r.key, EncodedFormat::kCodes);
+                          });
                         }},
-             route);
+             context.target.route);
 }
 
 void Handler::handle(const Request& request, WorkerState& worker, Response& out) {
@@ -369,23 +389,32 @@ void Handler::handle(const Request& request, WorkerState& worker, Response& out)
   if (request.method == "OPTIONS") {
     out.reset();
     out.status = kNoContent;
-    out.fields = fmt::format(
-        "Allow: {0}\r\nAccess-Control-Allow-Origin: *\r\nAccess-Control-Allow-Methods: {0}\r\n"
-        "Access-Control-Allow-Headers: *\r\nAccess-Control-Max-Age: 86400\r\n",
-        kAllow);
-    return;
-  }
-  if (request.method != "GET" && !is_head) {
-    return text_response(out, kMethodNotAllowed, "only GET, HEAD and OPTIONS", fmt::format("Allow: {}\r\n", kAllow));
-  }
-  auto parsed = parse_target(request.target);
-  if (const int* status = std::get_if<int>(&parsed)) {
-    *status == kNotFound ? not_found(out, "no such address") : text_response(out, *status, "malformed address");
+    out.fields.append(kAllow).append(
+        "Access-Control-Allow-Methods: GET, HEAD, OPTIONS\r\nAccess-Control-Allow-Headers: *\r\n"
+        "Access-Control-Max-Age: 86400\r\n");
+  } else if (request.method != "GET" && !is_head) {
+    const bool known = std::find(kOtherMethods.begin(), kOtherMethods.end(), request.method) != kOtherMethods.end();
+    problem_response(out, known ? kMethodNotAllowed : kNotImplemented, "only GET, HEAD and OPTIONS", request.target,
+                     known ? kAllow : std::string_view());
   } else {
-    Context context{request, worker, out, std::move(std::get<Target>(parsed)), choose_coding(request.accept_encoding)};
-    answer(context);
+    auto parsed = parse_target(request.target, worker.target_scratch);
+    if (const int* status = std::get_if<int>(&parsed)) {
+      const bool absent = *status == kNotFound;
+      problem_response(out, *status, absent ? "no such address" : "malformed address", request.target,
+                       absent ? kShortly : std::string_view());
+    } else {
+      Context context{request, worker, out, std::get<Target>(parsed),
+                      worker.coding_for(request[RequestField::kAcceptEncoding])};
+      answer(context);
+    }
   }
+  cross_origin_.append_fields(request[RequestField::kOrigin], out.fields);
   if (is_head) out.drop_body();
+}
+
+void Handler::refuse(int status, std::string_view why, Response& out) {
+  problem_response(out, status, why);
+  cross_origin_.append_fields(std::nullopt, out.fields);
 }
 
 }  // namespace tind

@@ -2,51 +2,56 @@
 #pragma once
 
 #include <atomic>
-#include <cstdint>
-#include <optional>
-#include <string>
 #include <string_view>
 
+#include "config/settings.hpp"
+#include "server/cross_origin.hpp"
+#include "server/request.hpp"
 #include "server/response.hpp"
 #include "server/response_cache.hpp"
-#include "server/site.hpp"
+#include "server/route.hpp"
+#include "server/tile_encoder.hpp"
 #include "server/worker_state.hpp"
 
 namespace tind {
 
-/// What the handler needs of a request. Views into the caller's memory.
-struct Request {
-  std::string_view method;
-  std::string_view target;
-  std::optional<std::string_view> accept;
-  std::optional<std::string_view> accept_encoding;
-  std::optional<std::string_view> if_none_match;
-};
-
-/// Answers requests. No sockets. Thread safe; one for all threads.
-class Handler {
+/// Answers requests; no sockets. Thread safe: one for all threads, each with its own state.
+class RequestHandler {
  public:
-  explicit Handler(std::size_t cache_bytes) : cache_(cache_bytes) {}
+  virtual ~RequestHandler() = default;
 
   /// Makes `out`, whatever it was before, the answer to `request` by the site of `worker`, which the calling thread
   /// owns. The body is valid until that state's next batch.
-  void handle(const Request& request, WorkerState& worker, Response& out);
+  virtual void handle(const Request& request, WorkerState& worker, Response& out) = 0;
+  /// Makes `out` the answer to what is no request: `status` and why.
+  virtual void refuse(int status, std::string_view why, Response& out) = 0;
+};
+
+/// The public interface, docs/http.md.
+class Handler final : public RequestHandler {
+ public:
+  explicit Handler(const Settings& settings);
+
+  void handle(const Request& request, WorkerState& worker, Response& out) override;
+  void refuse(int status, std::string_view why, Response& out) override;
   /// Makes /ready answer 503: called when the daemon begins to drain.
   void set_draining() { draining_ = true; }
 
  private:
   struct Context;
+  struct Representation;
   void answer(Context& context);
   void document(Context& context, const Document& document);
-  void cesium(Context& context, const std::string& path);
-  void tile(Context& context, const ServedDataset& served, const TileKey& key, bool terrain);
+  void cesium(Context& context, std::string_view path);
+  void encoded(Context& context, const ServedDataset& served, const TileKey& key, EncodedFormat format);
+  void terrain(Context& context, const ServedDataset& served, const TileKey& key);
   void parts(Context& context, const ServedDataset& served, const TileKey& key);
   void piece(Context& context, const ServedDataset& served, const PieceKey& key);
-  void codes(Context& context, const ServedDataset& served, const TileKey& key);
   template <class Make>
-  void coded(Context& context, const std::string& cache_key, Make&& make);
+  void coded(Context& context, const CacheKey& key, const Representation& representation, Make&& make);
 
   ResponseCache cache_;
+  CrossOrigin cross_origin_;
   std::atomic<bool> draining_ = false;
 };
 

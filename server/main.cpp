@@ -11,7 +11,6 @@
 namespace {
 
 constexpr int kFailed = 1;
-constexpr std::size_t kMegabyte = std::size_t{1} << 20;
 
 std::optional<std::string> environment(const std::string& name) {
   const char* value = std::getenv(name.c_str());
@@ -37,7 +36,7 @@ int run(const std::vector<std::string>& arguments) {
   if (!site) return report(site.error());
   std::signal(SIGPIPE, SIG_IGN);  // a client that went away is an error of its write, not of the daemon
   const tind::SiteHolder holder(std::make_shared<const tind::Site>(std::move(*site)));
-  tind::Handler handler(static_cast<std::size_t>(settings.cache_mb) * kMegabyte);
+  tind::Handler handler(settings);
   const auto served = tind::serve(settings, handler, holder, [](const std::string& where) {
     std::printf("tind: listening on http://%s\n", where.c_str());
     std::fflush(stdout);

@@ -84,15 +84,16 @@ Coding choose_coding(std::optional<std::string_view> accept_encoding) {
   return best;
 }
 
-bool etag_matches(std::string_view if_none_match, std::string_view etag) {
-  if (trim(if_none_match) == "*") return true;
+bool etag_matches(std::string_view list, std::string_view etag, EtagComparison comparison) {
+  if (trim(list) == "*") return true;
   // A tag may hold a comma, so walk the quotes.
-  for (std::string_view rest = if_none_match; !rest.empty();) {
+  for (std::string_view rest = list; !rest.empty();) {
     const auto open = rest.find('"');
     if (open == rest.npos) return false;
     const auto close = rest.find('"', open + 1);
     if (close == rest.npos) return false;
-    if (rest.substr(open, close - open + 1) == etag) return true;
+    const bool is_weak = rest.substr(0, open).ends_with("W/");
+    if ((!is_weak || comparison == EtagComparison::kWeak) && rest.substr(open, close - open + 1) == etag) return true;
     rest.remove_prefix(close + 1);
   }
   return false;

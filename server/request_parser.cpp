@@ -2,133 +2,212 @@
 #include "server/request_parser.hpp"
 
 #include <algorithm>
-#include <boost/asio/buffer.hpp>
-#include <boost/beast/http/basic_parser.hpp>
-#include <limits>
+#include <charconv>
 
 namespace tind {
 namespace {
 
-namespace http = boost::beast::http;
-using boost::beast::error_code;
-using boost::beast::iequals;
-using BeastView = boost::beast::string_view;
-
 constexpr int kBadRequest = 400, kUriTooLong = 414, kNotImplemented = 501, kVersionNotSupported = 505;
+constexpr std::string_view kEndOfLine = "\r\n";
 
-// Keeps the few fields that matter, without a container of all.
-class Parser : public http::basic_parser<true> {
- public:
-  ParsedRequest request;
+// One bit per class of byte.
+constexpr std::uint8_t kToken = 1, kTarget = 2, kValue = 4, kHost = 8;
+
+constexpr std::array<std::uint8_t, 256> make_classes() {
+  std::array<std::uint8_t, 256> classes{};
+  for (std::size_t c = 0; c < classes.size(); ++c) {
+    const bool letter = (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z'), digit = c >= '0' && c <= '9';
+    std::uint8_t set = 0;
+    const auto among = [&](std::string_view text) { return c < 128 && text.find(static_cast<char>(c)) != text.npos; };
+    if (letter || digit || among("!#$%&'*+-.^_`|~")) set |= kToken;     // RFC 9110, 5.6.2
+    if (c > ' ' && c < 0x7f) set |= kTarget;                            // RFC 3986 narrows it further
+    if (c == '\t' || (c >= ' ' && c != 0x7f)) set |= kValue;            // RFC 9110, 5.5
+    if (letter || digit || among("-._~!$&'()*+,;=%[]:")) set |= kHost;  // RFC 3986, 3.2.2 and 3.2.3
+    classes[c] = set;
+  }
+  return classes;
+}
+constexpr auto kClasses = make_classes();
+
+bool all_are(std::string_view text, std::uint8_t wanted) {
+  return std::all_of(text.begin(), text.end(),
+                     [&](char c) { return (kClasses[static_cast<unsigned char>(c)] & wanted) != 0; });
+}
+
+char lower(char c) { return c >= 'A' && c <= 'Z' ? static_cast<char>(c + ('a' - 'A')) : c; }
+
+bool equals(std::string_view text, std::string_view lower_case) {
+  return text.size() == lower_case.size() &&
+         std::equal(text.begin(), text.end(), lower_case.begin(), [](char a, char b) { return lower(a) == b; });
+}
+
+std::string_view trim(std::string_view text) {
+  while (!text.empty() && (text.front() == ' ' || text.front() == '\t')) text.remove_prefix(1);
+  while (!text.empty() && (text.back() == ' ' || text.back() == '\t')) text.remove_suffix(1);
+  return text;
+}
+
+template <class Use>
+void for_each_element(std::string_view list, Use&& use) {
+  while (!list.empty()) {
+    const std::size_t comma = std::min(list.find(','), list.size());
+    use(trim(list.substr(0, comma)));
+    list.remove_prefix(std::min(comma + 1, list.size()));
+  }
+}
+
+struct NamedField {
+  std::string_view name;  // lower case
+  RequestField field;
+};
+constexpr std::array<NamedField, kRequestFields> kNamedFields = {{
+    {"host", RequestField::kHost},
+    {"accept", RequestField::kAccept},
+    {"accept-encoding", RequestField::kAcceptEncoding},
+    {"if-match", RequestField::kIfMatch},
+    {"if-none-match", RequestField::kIfNoneMatch},
+    {"if-modified-since", RequestField::kIfModifiedSince},
+    {"if-unmodified-since", RequestField::kIfUnmodifiedSince},
+    {"if-range", RequestField::kIfRange},
+    {"range", RequestField::kRange},
+    {"origin", RequestField::kOrigin},
+    {"forwarded", RequestField::kForwarded},
+    {"x-forwarded-for", RequestField::kForwardedFor},
+    {"x-forwarded-proto", RequestField::kForwardedProto},
+    {"x-forwarded-host", RequestField::kForwardedHost},
+    {"x-forwarded-prefix", RequestField::kForwardedPrefix},
+    {"user-agent", RequestField::kUserAgent},
+    {"referer", RequestField::kReferer},
+}};
+
+// What the framing of the message depends on.
+struct Framing {
   int n_hosts = 0, n_content_lengths = 0, n_transfer_encodings = 0;
-  int version = 0;
-  bool host_is_plain = true;
-  std::string transfer_encoding;
-
- private:
-  static std::string to_string(BeastView text) { return std::string(text.data(), text.size()); }
-  // Repeated list fields are one list.
-  static void append(std::optional<std::string>& field, BeastView value) {
-    field = field ? *field + ", " + to_string(value) : to_string(value);
-  }
-
-  void on_request_impl(http::verb, BeastView method, BeastView target, int http_version, error_code&) override {
-    request.method = to_string(method);
-    request.target = to_string(target);
-    version = http_version;
-  }
-  void on_response_impl(int, BeastView, int, error_code&) override {}
-  void on_field_impl(http::field name, BeastView, BeastView value, error_code&) override {
-    switch (name) {
-      case http::field::host:
-        ++n_hosts;
-        host_is_plain = value.find_first_of(" \t,/@\\") == BeastView::npos;
-        break;
-      case http::field::content_length:
-        ++n_content_lengths;
-        break;
-      case http::field::transfer_encoding:
-        ++n_transfer_encodings;
-        transfer_encoding = to_string(value);
-        break;
-      case http::field::accept:
-        append(request.accept, value);
-        break;
-      case http::field::accept_encoding:
-        append(request.accept_encoding, value);
-        break;
-      case http::field::if_none_match:
-        append(request.if_none_match, value);
-        break;
-      case http::field::expect:
-        request.expects_continue = true;
-        break;
-      default:
-        break;
-    }
-  }
-  void on_header_impl(error_code&) override {}
-  void on_body_init_impl(const boost::optional<std::uint64_t>&, error_code&) override {}
-  std::size_t on_body_impl(BeastView body, error_code&) override { return body.size(); }
-  void on_chunk_header_impl(std::uint64_t, BeastView, error_code&) override {}
-  std::size_t on_chunk_body_impl(std::uint64_t, BeastView body, error_code&) override { return body.size(); }
-  void on_finish_impl(error_code&) override {}
+  bool host_is_plain = true, content_length_is_number = true;
+  bool wants_close = false, wants_keep_alive = false;
+  std::string_view transfer_encoding;
 };
 
-// What must not occur anywhere in a header. Lines end with CRLF; no line begins with a blank (obs-fold).
-bool lines_are_clean(std::string_view block) {
-  for (std::size_t i = 0; i < block.size(); ++i) {
-    const char c = block[i];
-    if (c == '\0') return false;
-    if (c == '\n' && (i == 0 || block[i - 1] != '\r')) return false;
-    if (c == '\r' && (i + 1 == block.size() || block[i + 1] != '\n')) return false;
-    if ((c == ' ' || c == '\t') && i > 0 && block[i - 1] == '\n') return false;
+// Digits only (RFC 9110, 8.6): no sign, no list, nothing that overflows.
+bool parse_length(std::string_view text, std::uint64_t& length) {
+  const char* const last = text.data() + text.size();
+  const bool digits =
+      !text.empty() && std::all_of(text.begin(), text.end(), [](char c) { return c >= '0' && c <= '9'; });
+  const auto [end, error] = std::from_chars(text.data(), last, length);
+  return digits && error == std::errc() && end == last;
+}
+
+// "GET /x HTTP/1.1": 0, or the status to refuse with.
+int parse_request_line(std::string_view line, ParsedRequest& out) {
+  const std::size_t first = line.find(' '), last = line.rfind(' ');
+  if (first == line.npos || first == last) return kBadRequest;
+  Request& request = out.request;
+  request.method = line.substr(0, first);
+  request.target = line.substr(first + 1, last - first - 1);
+  if (request.method.empty() || !all_are(request.method, kToken)) return kBadRequest;
+  if (request.target.empty() || !all_are(request.target, kTarget)) return kBadRequest;
+  const std::string_view version = line.substr(last + 1);
+  const auto digit = [&](std::size_t k) { return version[k] >= '0' && version[k] <= '9'; };
+  if (version.size() != 8 || !version.starts_with("HTTP/") || !digit(5) || version[6] != '.' || !digit(7)) {
+    return kBadRequest;
   }
-  return true;
+  if (version[5] != '1') return kVersionNotSupported;
+  out.minor_version = version[7] == '0' ? 0 : 1;  // a higher minor version is ours (RFC 9110, 2.5)
+  return request.target.size() > kMaxTargetBytes ? kUriTooLong : 0;
+}
+
+void note_framing(std::string_view name, std::string_view value, ParsedRequest& out, Framing& framing) {
+  if (equals(name, "connection")) {
+    for_each_element(value, [&](std::string_view option) {
+      framing.wants_close |= equals(option, "close");
+      framing.wants_keep_alive |= equals(option, "keep-alive");
+    });
+  } else if (equals(name, "content-length")) {
+    ++framing.n_content_lengths;
+    framing.content_length_is_number &= parse_length(value, out.content_length);
+  } else if (equals(name, "transfer-encoding")) {
+    ++framing.n_transfer_encodings;
+    framing.transfer_encoding = value;
+  } else if (equals(name, "expect")) {
+    out.expects_continue = true;
+  }
+}
+
+// RFC 9112, 6.1 and 6.3. 0, or the status to refuse with.
+int check_transfer_encoding(const Framing& framing, ParsedRequest& out) {
+  if (framing.n_transfer_encodings > 1 || framing.n_content_lengths > 0 || out.minor_version == 0) return kBadRequest;
+  int n_chunked = 0;
+  bool chunked_is_last = false, empty = true;
+  for_each_element(framing.transfer_encoding, [&](std::string_view coding) {
+    chunked_is_last = equals(coding, "chunked");
+    n_chunked += chunked_is_last ? 1 : 0;
+    empty &= coding.empty();
+  });
+  if (empty || n_chunked > 1) return kBadRequest;
+  if (!equals(framing.transfer_encoding, "chunked")) return kNotImplemented;
+  out.chunked = true;
+  return 0;
 }
 
 }  // namespace
 
-Request ParsedRequest::view() const {
-  const auto optional_view = [](const std::optional<std::string>& text) {
-    return text ? std::optional<std::string_view>(*text) : std::nullopt;
-  };
-  return {method, target, optional_view(accept), optional_view(accept_encoding), optional_view(if_none_match)};
-}
-
 std::size_t leading_empty_lines(std::string_view bytes) {
   std::size_t at = 0;
-  while (bytes.substr(at).starts_with("\r\n")) at += 2;
+  while (bytes.substr(at).starts_with(kEndOfLine)) at += kEndOfLine.size();
   return at;
 }
 
-std::variant<ParsedRequest, int> parse_request(std::string_view block) {
-  if (!block.ends_with("\r\n\r\n") || !lines_are_clean(block)) return kBadRequest;
-  const std::string_view line = block.substr(0, block.find('\r'));
-  const bool graphic = std::all_of(line.begin(), line.end(), [](char c) { return c >= ' ' && c < 0x7f; });
-  if (!graphic) return kBadRequest;
-
-  Parser parser;
-  parser.header_limit(static_cast<std::uint32_t>(std::min<std::size_t>(block.size() + 1, UINT32_MAX)));
-  parser.body_limit(std::numeric_limits<std::uint64_t>::max());  // Boost 1.74 takes boost::none for 0
-  error_code error;
-  const std::size_t n = parser.put(boost::asio::buffer(block.data(), block.size()), error);
-  if (error == http::error::bad_version) return kVersionNotSupported;
-  if (error || !parser.is_header_done() || n != block.size()) return kBadRequest;
-
-  ParsedRequest& request = parser.request;
-  if (request.target.size() > kMaxTargetBytes) return kUriTooLong;
-  const bool is_1_1 = parser.version >= 11;
-  if (parser.n_hosts > 1 || (is_1_1 && parser.n_hosts == 0) || !parser.host_is_plain) return kBadRequest;
-  if (parser.n_content_lengths > 1) return kBadRequest;
-  if (parser.n_transfer_encodings > 0) {
-    if (parser.n_transfer_encodings > 1 || parser.n_content_lengths > 0 || !is_1_1) return kBadRequest;
-    if (!iequals(parser.transfer_encoding, "chunked")) return kNotImplemented;
-    request.chunked = true;
+std::variant<ParsedRequest, int> parse_request(std::string_view block, FieldScratch& scratch) {
+  if (!block.ends_with("\r\n\r\n")) return kBadRequest;
+  block.remove_suffix(kEndOfLine.size());
+  const auto take_line = [&]() -> std::string_view {
+    const std::size_t end = block.find(kEndOfLine);
+    const std::string_view line = block.substr(0, end);
+    block.remove_prefix(end + kEndOfLine.size());
+    return line;
+  };
+  std::variant<ParsedRequest, int> result;
+  ParsedRequest& out = std::get<ParsedRequest>(result);
+  if (const int status = parse_request_line(take_line(), out)) return status;
+  Framing framing;
+  while (!block.empty()) {
+    const std::string_view line = take_line();
+    // An empty name is a line that begins with a colon; one with a blank in it is obs-fold, or a blank before the
+    // colon.
+    const std::size_t colon = line.find(':');
+    if (colon == line.npos || colon == 0 || !all_are(line.substr(0, colon), kToken)) return kBadRequest;
+    const std::string_view name = line.substr(0, colon), value = trim(line.substr(colon + 1));
+    if (!all_are(value, kValue)) return kBadRequest;
+    const auto known = std::find_if(kNamedFields.begin(), kNamedFields.end(),
+                                    [&](const NamedField& f) { return equals(name, f.name); });
+    if (known == kNamedFields.end()) {
+      note_framing(name, value, out, framing);
+      continue;
+    }
+    if (known->field == RequestField::kHost) {
+      ++framing.n_hosts;
+      framing.host_is_plain &= all_are(value, kHost);
+    }
+    auto& field = out.request[known->field];
+    if (field) {
+      // Lines of one name are one list (RFC 9110, 5.3).
+      std::string& joined = scratch[static_cast<std::size_t>(known->field)];
+      if (field->data() != joined.data()) joined = *field;
+      joined.append(", ").append(value);
+      field = joined;
+    } else {
+      field = value;
+    }
   }
-  request.content_length = parser.n_content_lengths > 0 ? parser.content_length().value_or(0) : 0;
-  request.keep_alive = parser.keep_alive();
-  return std::move(request);
+  if (framing.n_hosts > 1 || (out.minor_version > 0 && framing.n_hosts == 0) || !framing.host_is_plain) {
+    return kBadRequest;
+  }
+  if (framing.n_content_lengths > 1 || !framing.content_length_is_number) return kBadRequest;
+  if (framing.n_transfer_encodings > 0) {
+    if (const int status = check_transfer_encoding(framing, out)) return status;
+  }
+  out.keep_alive = !framing.wants_close && (out.minor_version > 0 || framing.wants_keep_alive);
+  return result;
 }
 
 }  // namespace tind

@@ -15,8 +15,8 @@
 namespace tind {
 
 /// An answer without what the connection adds (status line, Date, Connection, Content-Length). Made to be used again
-/// and again: reset() keeps the memory of `fields`, so that answering takes none. The body is views: into a dataset's
-/// memory map, which the WorkerState holds until its next batch, or into what keep() was given.
+/// and again: reset() keeps the memory of its texts, so that answering takes none. The body is what `lead` holds, then
+/// views: into a dataset's memory map, which the WorkerState holds until its next batch, or into what keep() was given.
 class Response {
  public:
   static constexpr std::size_t kMaxSlices = 16;
@@ -24,6 +24,7 @@ class Response {
   int status = 200;
   std::string fields;                           ///< Header lines, each ended by CRLF.
   std::optional<std::uint64_t> content_length;  ///< What GET sends; absent for 204 and 304.
+  std::string lead;                             ///< The first bytes of the body: for what exists nowhere else.
 
   /// As new.
   void reset() {
@@ -34,6 +35,7 @@ class Response {
   }
   /// For HEAD and 304: the fields stay.
   void drop_body() {
+    lead.clear();
     n_slices_ = 0;
     owner_.reset();
   }
@@ -47,7 +49,10 @@ class Response {
   void keep(std::shared_ptr<const void> owner) { owner_ = std::move(owner); }
   /// For the sender: the owner, handed over.
   std::shared_ptr<const void> take_owner() { return std::move(owner_); }
-  std::span<const ByteView> body() const { return {slices_.data(), n_slices_}; }
+  /// What follows `lead`.
+  std::span<const ByteView> slices() const { return {slices_.data(), n_slices_}; }
+  /// Leaves `length` bytes of the body from `first` on. Precondition: they are there.
+  void cut(std::uint64_t first, std::uint64_t length);
 
  private:
   std::array<ByteView, kMaxSlices> slices_;
@@ -55,10 +60,15 @@ class Response {
   std::shared_ptr<const void> owner_;
 };
 
-/// Makes `out` an answer in one line of plain text, also for failures that never reach the handler.
+/// "Not Found" for 404 and so on.
+std::string_view reason_phrase(int status);
+
+/// Makes `out` an answer in one line of plain text. `more_fields`: whole header lines.
 void text_response(Response& out, int status, std::string_view text, std::string_view more_fields = {});
 
-/// "Not Found" for 404 and so on.
-const char* reason_phrase(int status);
+/// Makes `out` a failure: problem details (RFC 9457) of type about:blank. `instance`: the address asked for, empty when
+/// nobody knows. `more_fields`: whole header lines.
+void problem_response(Response& out, int status, std::string_view detail, std::string_view instance = {},
+                      std::string_view more_fields = {});
 
 }  // namespace tind

@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <charconv>
-#include <vector>
+#include <span>
 
 namespace tind {
 namespace {
@@ -13,23 +13,22 @@ constexpr int kBadRequest = 400;
 constexpr int kNotFound = 404;
 constexpr std::size_t kMaxParts = 32;  // deeper than any file of CesiumJS
 
-std::optional<std::string> percent_decode(std::string_view text) {
-  std::string out;
-  out.reserve(text.size());
+// Appends `text` to `out`, decoded; false when it is malformed.
+bool percent_decode(std::string_view text, std::string& out) {
   for (std::size_t i = 0; i < text.size(); ++i) {
     if (text[i] != '%') {
       out.push_back(text[i]);
       continue;
     }
     unsigned value = 0;
-    if (i + 2 >= text.size()) return std::nullopt;
+    if (i + 2 >= text.size()) return false;
     const char* const last = text.data() + i + 3;
     const auto [end, error] = std::from_chars(text.data() + i + 1, last, value, 16);
-    if (error != std::errc() || end != last) return std::nullopt;
+    if (error != std::errc() || end != last) return false;
     out.push_back(static_cast<char>(value));
     i += 2;
   }
-  return out;
+  return true;
 }
 
 // Decimal without sign or leading zeros, so that a resource has one address.
@@ -54,18 +53,18 @@ std::optional<Address> parse_address(std::string_view level, std::string_view i,
 
 using Answer = std::variant<Target, int>;
 
-Answer piece_route(const std::string& name, PieceKind kind, const std::optional<Address>& at) {
+Answer piece_route(std::string_view name, PieceKind kind, const std::optional<Address>& at) {
   if (!at) return kNotFound;
   const PieceKey key{kind, at->level, at->i, at->j};
   if (!key.valid()) return kNotFound;
   return Target{PieceRoute{name, key}, {}};
 }
 
-Answer tile_route(const std::string& name, const std::string& level, const std::string& x, const std::string& file) {
+Answer tile_route(std::string_view name, std::string_view level, std::string_view x, std::string_view file) {
   const auto dot = file.find('.');
-  if (dot == std::string::npos) return kNotFound;
-  const auto at = parse_address(level, x, std::string_view(file).substr(0, dot));
-  const std::string_view suffix = std::string_view(file).substr(dot);
+  if (dot == file.npos) return kNotFound;
+  const auto at = parse_address(level, x, file.substr(0, dot));
+  const std::string_view suffix = file.substr(dot);
   const auto format = suffix == ".terrain" ? std::optional(TileFormat::kTerrain)
                       : suffix == ".vn"    ? std::optional(TileFormat::kVn)
                       : suffix == ".parts" ? std::optional(TileFormat::kParts)
@@ -76,21 +75,21 @@ Answer tile_route(const std::string& name, const std::string& level, const std::
   return Target{TileRoute{name, key, *format}, {}};
 }
 
-Answer cesium_route(const std::vector<std::string>& parts) {
-  std::string path;
-  for (std::size_t k = 1; k < parts.size(); ++k) {
-    const std::string& part = parts[k];
+// `parts` are decoded; their path is put together in `scratch`, after what is there.
+Answer cesium_route(std::span<const std::string_view> parts, std::string& scratch) {
+  const std::size_t begin = scratch.size();
+  for (const std::string_view part : parts.subspan(1)) {
     const bool plain = !part.empty() && part[0] != '.' && part.find_first_of(std::string_view("/\\\0", 3)) == part.npos;
     if (!plain) return kNotFound;
-    if (k > 1) path += '/';
-    path += part;
+    if (scratch.size() > begin) scratch += '/';
+    scratch += part;
   }
-  if (path.empty()) return kNotFound;
-  return Target{CesiumRoute{std::move(path)}, {}};
+  if (scratch.size() == begin) return kNotFound;
+  return Target{CesiumRoute{std::string_view(scratch).substr(begin)}, {}};
 }
 
-Answer route_of(const std::vector<std::string>& parts) {
-  const std::string& name = parts[0];
+Answer route_of(std::span<const std::string_view> parts, std::string& scratch) {
+  const std::string_view name = parts[0];
   const std::size_t n = parts.size();
   if (n == 1) {
     if (name.empty()) return Target{IndexRoute{}, {}};
@@ -99,7 +98,7 @@ Answer route_of(const std::vector<std::string>& parts) {
     if (name == "ready") return Target{ReadyRoute{}, {}};
     return Target{DirectoryRoute{name}, {}};
   }
-  if (name == "cesium") return cesium_route(parts);
+  if (name == "cesium") return cesium_route(parts, scratch);
   if (name == "tind") {
     if (n == 2 && parts[1] == "globe.js") return Target{ScriptRoute{}, {}};
     if (n == 2 && parts[1] == "style.css") return Target{StyleRoute{}, {}};
@@ -135,7 +134,7 @@ bool is_reserved_name(std::string_view name) {
   return std::find(kNames.begin(), kNames.end(), name) != kNames.end();
 }
 
-std::variant<Target, int> parse_target(std::string_view target) {
+std::variant<Target, int> parse_target(std::string_view target, std::string& scratch) {
   for (const std::string_view scheme : {"http://", "https://"}) {
     if (!target.starts_with(scheme)) continue;
     const auto path = target.find_first_of("/?", scheme.size());
@@ -147,33 +146,46 @@ std::variant<Target, int> parse_target(std::string_view target) {
   if (!graphic || target.find('#') != target.npos) return kBadRequest;
   const auto question = target.find('?');
   const std::string_view path = target.substr(1, question == target.npos ? question : question - 1);
-  std::vector<std::string> parts;
+  scratch.clear();
+  // Room for every part twice, as it is and in a path: views of it must not move.
+  if (path.find('%') != path.npos || path.starts_with("cesium/")) scratch.reserve(2 * path.size());
+  std::array<std::string_view, kMaxParts> parts;
+  std::size_t n_parts = 0;
   for (std::size_t at = 0; at <= path.size();) {
     const std::size_t end = std::min(path.find('/', at), path.size());
-    auto part = percent_decode(path.substr(at, end - at));
-    if (!part) return kBadRequest;
-    if (parts.size() == kMaxParts) return kNotFound;
-    parts.push_back(std::move(*part));
+    if (n_parts == kMaxParts) return kNotFound;
+    std::string_view& part = parts[n_parts++];
+    part = path.substr(at, end - at);
+    if (part.find('%') != part.npos) {
+      const std::size_t begin = scratch.size();
+      if (!percent_decode(part, scratch)) return kBadRequest;
+      part = std::string_view(scratch).substr(begin);
+    }
     at = end + 1;
   }
-  Answer answer = route_of(parts);
+  Answer answer = route_of({parts.data(), n_parts}, scratch);
   if (Target* found = std::get_if<Target>(&answer); found && question != target.npos) {
     found->query = target.substr(question + 1);
   }
   return answer;
 }
 
-std::optional<std::string> query_value(std::string_view query, std::string_view name) {
+std::optional<std::string_view> raw_query_value(std::string_view query, std::string_view name) {
   for (std::size_t at = 0; at <= query.size();) {
     const std::size_t end = std::min(query.find('&', at), query.size());
     const std::string_view pair = query.substr(at, end - at);
     const std::size_t equals = std::min(pair.find('='), pair.size());
-    if (pair.substr(0, equals) == name) {
-      return percent_decode(equals == pair.size() ? std::string_view() : pair.substr(equals + 1));
-    }
+    if (pair.substr(0, equals) == name) return pair.substr(std::min(equals + 1, pair.size()));
     at = end + 1;
   }
   return std::nullopt;
+}
+
+std::optional<std::string> query_value(std::string_view query, std::string_view name) {
+  const auto raw = raw_query_value(query, name);
+  std::string value;
+  if (!raw || !percent_decode(*raw, value)) return std::nullopt;
+  return value;
 }
 
 std::string percent_encode(std::string_view text) {

@@ -21,26 +21,26 @@ struct ReadyRoute {};
 struct ScriptRoute {};  ///< /tind/globe.js
 struct StyleRoute {};   ///< /tind/style.css
 struct CesiumRoute {
-  std::string path;  ///< Below the CesiumJS directory; no empty, "." or ".." part, no part that begins with a dot.
+  std::string_view path;  ///< Below the CesiumJS directory; no empty, "." or ".." part, no part that begins with a dot.
 };
 struct DirectoryRoute {
-  std::string name;  ///< /{name} without its slash: to be redirected.
+  std::string_view name;  ///< /{name} without its slash: to be redirected.
 };
 struct DocumentRoute {
-  std::string name;
+  std::string_view name;
   DatasetDocument document;
 };
 struct TileRoute {
-  std::string name;
+  std::string_view name;
   TileKey key;
   TileFormat format;
 };
 struct PieceRoute {
-  std::string name;
+  std::string_view name;
   PieceKey key;  ///< Valid, not always canonical.
 };
 struct CodesRoute {
-  std::string name;
+  std::string_view name;
   TileKey key;
 };
 
@@ -50,18 +50,22 @@ using Route = std::variant<IndexRoute, DatasetsRoute, HealthRoute, ReadyRoute, S
 
 struct Target {
   Route route;
-  std::string query;  ///< What follows '?', as sent.
+  std::string_view query;  ///< What follows '?', as sent.
 };
 
 /// Names that no dataset may have, because routes have them.
 bool is_reserved_name(std::string_view name);
 
 /// Parses a request target: origin-form, or absolute-form, whose host is ignored. Returns the status to answer with
-/// when it is none: 400 malformed, 404 no such route or a key out of range. Pure; safe for any bytes.
-std::variant<Target, int> parse_target(std::string_view target);
+/// when it is none: 400 malformed, 404 no such route or a key out of range. Views in the result are of `target` or of
+/// `scratch`, which holds what had to be percent-decoded. Takes no memory but for that. Safe for any bytes.
+std::variant<Target, int> parse_target(std::string_view target, std::string& scratch);
 
 /// The value of `name` in a query string, percent-decoded; nullopt when absent or malformed.
 std::optional<std::string> query_value(std::string_view query, std::string_view name);
+
+/// The same as it stands there, not decoded.
+std::optional<std::string_view> raw_query_value(std::string_view query, std::string_view name);
 
 /// Percent-encodes all but unreserved characters (RFC 3986), for one path segment.
 std::string percent_encode(std::string_view text);

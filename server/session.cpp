@@ -1,102 +1,133 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "server/session.hpp"
 
+#include <sys/epoll.h>
+#include <sys/ioctl.h>
 #include <sys/socket.h>
+#include <unistd.h>
 
 #include <algorithm>
-#include <boost/asio/buffer.hpp>
-#include <boost/asio/post.hpp>
 #include <cerrno>
+#include <cstring>
 
-#include "server/listener.hpp"
+#include "server/worker.hpp"
 
 namespace tind {
 namespace {
 
-namespace asio = boost::asio;
-using boost::system::error_code;
-
-constexpr std::size_t kFirstBufferBytes = 2048;  // grows to the header limit for those who need it
 constexpr std::uint64_t kMaxSkippedBody = 65536;
 constexpr int kLingerTimeout_s = 2;
-constexpr std::size_t kMaxLingerBytes = std::size_t{1} << 20;
+constexpr std::uint64_t kMaxLingerBytes = std::uint64_t{1} << 20;
+
+bool would_block(int error) { return error == EAGAIN || error == EWOULDBLOCK; }
+
+// The beginning of a request that can never become one, so that its sender need not wait for the deadline to hear it.
+bool is_hopeless(std::string_view bytes) {
+  if (bytes.find('\0') != bytes.npos || (!bytes.empty() && (bytes[0] < 'A' || bytes[0] > 'z') && bytes[0] != '\r')) {
+    return true;
+  }
+  for (std::size_t at = bytes.find('\n'); at != bytes.npos; at = bytes.find('\n', at + 1)) {
+    if (at == 0 || bytes[at - 1] != '\r') return true;
+  }
+  return false;
+}
 
 }  // namespace
 
-Session::Session(Socket socket, Worker& worker) : socket_(std::move(socket)), worker_(worker) { worker_.add(this); }
-
-Session::~Session() { worker_.remove(this); }
-
-void Session::start() {
-  error_code ignored;
-  socket_.non_blocking(true, ignored);
-  socket_.set_option(asio::ip::tcp::no_delay(true), ignored);
-  read();
+Session::Session(int fd, const ClientKey& client, Worker& worker) : fd_(fd), worker_(worker), client_(client) {
+  wait(State::kIdle, worker_.settings().idle_timeout_s);
 }
 
-void Session::read() {
-  // Only moved when nothing of it is referred to: answers own their bytes.
-  buffer_.erase(0, begin_);
-  end_ -= begin_;
-  begin_ = 0;
-  if (end_ == buffer_.size()) {
-    const auto limit = static_cast<std::size_t>(worker_.settings().max_header_bytes);
-    buffer_.resize(std::min(limit, std::max(kFirstBufferBytes, 2 * buffer_.size())));
+void Session::on_events(std::uint32_t events) {
+  if (state_ == State::kClosed) return;
+  if ((events & ~static_cast<std::uint32_t>(EPOLLOUT)) != 0) readable_ = true;
+  if ((events & (EPOLLRDHUP | EPOLLHUP)) != 0) peer_done_ = true;
+  if (state_ == State::kSending) {
+    if ((events & (EPOLLOUT | EPOLLERR | EPOLLHUP)) != 0) send_rest();
+  } else if (readable_) {
+    work();
   }
-  const bool idle = end_ == 0 && body_bytes_to_skip_ == 0;
-  if (idle || state_ != State::kReceiving) {
-    // The deadline of a request runs from its first byte and is not put off by the next one.
-    state_ = idle ? State::kIdle : State::kReceiving;
-    set_deadline(idle ? worker_.settings().idle_timeout_s : worker_.settings().request_timeout_s);
-  }
-  socket_.async_read_some(asio::buffer(buffer_.data() + end_, buffer_.size() - end_),
-                          [self = shared_from_this()](error_code error, std::size_t n) {
-                            if (error) return self->close();
-                            self->on_read(n);
-                          });
 }
 
-void Session::on_read(std::size_t n_bytes) {
-  end_ += n_bytes;
-  process();
+void Session::resume() {
+  if (state_ == State::kIdle || state_ == State::kReceiving) work();
 }
 
-// Answers all complete requests in the buffer, as far as one batch goes.
-void Session::process() {
+// Reads what there is, answers all complete requests in it as far as one batch goes, and writes.
+void Session::work() {
+  if (state_ == State::kLingering) return discard();
+  std::size_t n_bytes = 0;
+  if (!receive(n_bytes)) return close();
   worker_.state().begin_batch();
   WriteBatch& batch = worker_.batch();
-  while (batch.has_room() && !close_after_write_ && answer_next()) {
+  std::string_view bytes(worker_.input().data(), n_bytes);
+  while (batch.has_room() && !close_after_write_ && answer_next(bytes)) {
   }
-  if (batch.empty()) {
-    read();
+  has_more_ = !batch.has_room() && !close_after_write_ && !bytes.empty();
+  const bool answered = !batch.empty();
+  if (bytes.empty() || close_after_write_) {
+    if (buffer_.capacity() > 0) buffer_ = {};
   } else {
-    flush();
+    buffer_.assign(bytes);
+    // The deadline of a request runs from its first byte and is not put off by the next one.
+    if (answered || state_ != State::kReceiving) wait(State::kReceiving, worker_.settings().request_timeout_s);
   }
+  if (answered) return flush();
+  if (at_end_) return close();
+  if (body_bytes_to_skip_ > 0 && state_ != State::kReceiving) {
+    wait(State::kReceiving, worker_.settings().request_timeout_s);
+  }
+  if (readable_) worker_.later(*this);
 }
 
-// Takes one request from the buffer. False: not all of it is there.
-bool Session::answer_next() {
-  const std::size_t skipped = static_cast<std::size_t>(std::min<std::uint64_t>(body_bytes_to_skip_, end_ - begin_));
-  begin_ += skipped;
+// Puts what was left and what came into the worker's buffer. False: the connection is broken, or at its end without
+// anything to do.
+bool Session::receive(std::size_t& n_bytes) {
+  const std::span<char> input = worker_.input();
+  n_bytes = std::min(buffer_.size(), input.size());
+  if (n_bytes > 0) std::memcpy(input.data(), buffer_.data(), n_bytes);
+  if (!readable_ || at_end_ || n_bytes == input.size()) return true;
+  const ssize_t n = ::recv(fd_, input.data() + n_bytes, input.size() - n_bytes, 0);
+  if (n < 0) {
+    if (would_block(errno)) readable_ = false;
+    return would_block(errno) || errno == EINTR;
+  }
+  at_end_ = n == 0;
+  // A read that was not filled has emptied the socket; the next bytes are the next event.
+  readable_ = static_cast<std::size_t>(n) == input.size() - n_bytes || (peer_done_ && !at_end_);
+  n_bytes += static_cast<std::size_t>(n);
+  return !at_end_ || n_bytes > 0;
+}
+
+// Takes one request from the front of `bytes`. False: not all of it is there.
+bool Session::answer_next(std::string_view& bytes) {
+  const auto skipped = static_cast<std::size_t>(std::min<std::uint64_t>(body_bytes_to_skip_, bytes.size()));
+  bytes.remove_prefix(skipped);
   body_bytes_to_skip_ -= skipped;
   if (body_bytes_to_skip_ > 0) return false;
-  begin_ += leading_empty_lines(unread());
-  const std::string_view bytes = unread();
+  bytes.remove_prefix(leading_empty_lines(bytes));
+  if (bytes.empty()) return false;
+  const auto limit = static_cast<std::size_t>(worker_.settings().max_header_bytes);
   const std::size_t blank = bytes.find("\r\n\r\n");
-  if (blank == bytes.npos) {
-    if (bytes.size() < static_cast<std::size_t>(worker_.settings().max_header_bytes)) return false;
-    if (bytes.find('\n') == bytes.npos) {
-      fail_request(414, "the address is too long");
+  const bool complete = blank != bytes.npos;
+  if (complete ? blank + 4 > limit : bytes.size() >= limit) {
+    if (bytes.substr(0, limit).find('\n') == bytes.npos) {
+      refuse(414, "the address is too long");
     } else {
-      fail_request(431, "the header is too large");
+      refuse(431, "the header is too large");
     }
     return true;
   }
+  if (!complete) {
+    if (!is_hopeless(bytes)) return false;
+    refuse(400, "this is not HTTP");
+    return true;
+  }
   const std::string_view block = bytes.substr(0, blank + 4);
-  auto parsed = parse_request(block);
-  begin_ += block.size();
+  bytes.remove_prefix(block.size());
+  const auto parsed = parse_request(block, worker_.field_scratch());
   if (const int* status = std::get_if<int>(&parsed)) {
-    fail_request(*status, "the request is malformed or not supported");
+    refuse(*status, "the request is malformed or not supported");
     return true;
   }
   const ParsedRequest& request = std::get<ParsedRequest>(parsed);
@@ -105,20 +136,18 @@ bool Session::answer_next() {
   if (!request.keep_alive || worker_.draining() || (!skippable && (request.chunked || request.content_length > 0))) {
     close_after_write_ = true;
   }
+  const auto most = static_cast<std::uint32_t>(worker_.settings().max_requests_per_connection);
+  if (++n_requests_ == most) close_after_write_ = true;
   body_bytes_to_skip_ = skippable ? request.content_length : 0;
-  worker_.handler().handle(request.view(), worker_.state(), worker_.response());
-  append_response();
+  worker_.handler().handle(request.request, worker_.state(), worker_.response());
+  worker_.batch().add(worker_.response(), worker_.common_fields(), !close_after_write_);
   return true;
 }
 
-void Session::fail_request(int status, const char* why) {
+void Session::refuse(int status, std::string_view why) {
   close_after_write_ = true;
-  text_response(worker_.response(), status, why);
-  append_response();
-}
-
-void Session::append_response() {
-  worker_.batch().add(worker_.response(), worker_.common_fields(), !close_after_write_);
+  worker_.handler().refuse(status, why, worker_.response());
+  worker_.batch().add(worker_.response(), worker_.common_fields(), false);
 }
 
 // One write that does not block, then the batch ends: what is left is copied.
@@ -128,84 +157,126 @@ void Session::flush() {
   msghdr message{};
   message.msg_iov = const_cast<iovec*>(buffers.data());
   message.msg_iovlen = buffers.size();
-  const ssize_t n = ::sendmsg(socket_.native_handle(), &message, MSG_NOSIGNAL);
-  const bool failed = n < 0 && errno != EAGAIN && errno != EWOULDBLOCK && errno != EINTR;
+  const ssize_t n = ::sendmsg(fd_, &message, MSG_NOSIGNAL);
+  const bool failed = n < 0 && !would_block(errno) && errno != EINTR;
   const auto n_sent = static_cast<std::size_t>(std::max<ssize_t>(n, 0));
   if (!failed && n_sent < batch.n_bytes()) batch.copy_rest(n_sent, rest_);
   batch.clear();
-  if (failed) {
-    close();
-  } else if (rest_.empty()) {
-    after_write();
-  } else {
-    write_rest();
-  }
+  if (failed) return close();
+  if (rest_.empty()) return after_write();
+  wait(State::kSending, worker_.settings().request_timeout_s);
+  n_progress_ = 0;
+  send_rest();
 }
 
-void Session::write_rest() {
-  state_ = State::kSending;
-  set_deadline(worker_.settings().request_timeout_s);  // for some progress, not for all of it
-  socket_.async_write_some(asio::buffer(rest_.data() + rest_at_, rest_.size() - rest_at_),
-                           [self = shared_from_this()](error_code error, std::size_t n) {
-                             if (error) return self->close();
-                             self->rest_at_ += n;
-                             if (self->rest_at_ < self->rest_.size()) return self->write_rest();
-                             self->rest_ = {};
-                             self->rest_at_ = 0;
-                             self->after_write();
-                           });
+// Until the socket takes no more: only then will it tell when it does again.
+void Session::send_rest() {
+  while (rest_at_ < rest_.size()) {
+    const ssize_t n = ::send(fd_, rest_.data() + rest_at_, rest_.size() - rest_at_, MSG_NOSIGNAL);
+    if (n < 0) {
+      if (would_block(errno)) return;
+      if (errno == EINTR) continue;
+      return close();
+    }
+    rest_at_ += static_cast<std::size_t>(n);
+    n_progress_ += static_cast<std::size_t>(n);
+  }
+  rest_ = {};
+  rest_at_ = 0;
+  after_write();
 }
 
 void Session::after_write() {
   if (close_after_write_) return linger();
-  state_ = State::kIdle;  // the next request's deadline begins anew
-  if (begin_ == end_) return read();
-  // Pipelined requests wait in the buffer. Other connections first: this one must not keep the thread.
-  asio::post(socket_.get_executor(), [self = shared_from_this()] {
-    if (self->socket_.is_open()) self->process();
-  });
+  if (buffer_.empty() && body_bytes_to_skip_ == 0) {
+    wait(State::kIdle, worker_.settings().idle_timeout_s);
+  } else if (state_ != State::kReceiving) {
+    wait(State::kReceiving, worker_.settings().request_timeout_s);
+  }
+  // Other connections first: this one must not keep the thread.
+  if (has_more_ || readable_) return worker_.later(*this);
+  if (at_end_) close();
 }
 
 // Closing with unread bytes makes the kernel reset the connection, and the client may lose the answer: so say that no
 // more comes, and read a little of what the client still sends.
 void Session::linger() {
-  if (state_ != State::kLingering) {
-    state_ = State::kLingering;
-    set_deadline(kLingerTimeout_s);
-    error_code ignored;
-    socket_.shutdown(Socket::shutdown_send, ignored);
-    buffer_.resize(std::max(buffer_.size(), kFirstBufferBytes));
+  ::shutdown(fd_, SHUT_WR);
+  if (at_end_) return close();
+  wait(State::kLingering, kLingerTimeout_s);
+  n_progress_ = 0;
+  discard();
+}
+
+void Session::discard() {
+  for (;;) {
+    const std::span<char> input = worker_.input();
+    const ssize_t n = ::recv(fd_, input.data(), input.size(), 0);
+    if (n < 0 && would_block(errno)) return;
+    if (n < 0 && errno == EINTR) continue;
+    n_progress_ += static_cast<std::uint64_t>(std::max<ssize_t>(n, 0));
+    if (n <= 0 || n_progress_ > kMaxLingerBytes) return close();
   }
-  socket_.async_read_some(asio::buffer(buffer_), [self = shared_from_this()](error_code error, std::size_t n) {
-    self->lingered_bytes_ += n;
-    if (error || self->lingered_bytes_ > kMaxLingerBytes) return self->close();
-    self->linger();
-  });
 }
 
 void Session::close() {
-  error_code ignored;
-  socket_.close(ignored);
+  if (state_ == State::kClosed) return;
+  state_ = State::kClosed;
+  TimerWheel::cancel(*this);
+  ::close(fd_);
+  buffer_ = {};
+  rest_ = {};
+  worker_.connections().release(client_);
+  worker_.retire(*this);
 }
 
-void Session::check_deadline(Clock::time_point now) {
-  if (now < deadline_ || !socket_.is_open()) return;
-  if (state_ == State::kReceiving) {
-    fail_request(408, "the request took too long");
-    WriteBatch& batch = worker_.batch();
-    batch.copy_rest(0, rest_);
-    batch.clear();
-    error_code ignored;
-    socket_.write_some(asio::buffer(rest_), ignored);
-    socket_.shutdown(Socket::shutdown_send, ignored);
+void Session::wait(State state, int timeout_s) {
+  state_ = state;
+  deadline_ = worker_.now() + Worker::ticks(timeout_s);
+  // A deadline that is put off costs nothing until the timer goes off and is set again.
+  if (timer_at_ != 0 && timer_at_ <= deadline_) return;
+  timer_at_ = deadline_;
+  worker_.timers().set(*this, deadline_);
+}
+
+void Session::on_timer(Tick now) {
+  timer_at_ = 0;
+  if (now < deadline_) {
+    timer_at_ = deadline_;
+    return worker_.timers().set(*this, deadline_);
   }
-  close();  // the read or write under way ends with an error and lets go of this session
+  const Settings& settings = worker_.settings();
+  switch (state_) {
+    case State::kReceiving:
+      worker_.connections().count(ConnectionEvent::kRequestTimeout);
+      buffer_ = {};
+      refuse(408, "the request took too long");
+      return flush();
+    case State::kSending:
+      if (n_progress_ >= static_cast<std::uint64_t>(settings.min_send_rate_bytes_s) *
+                             static_cast<std::uint64_t>(settings.request_timeout_s) &&
+          n_progress_ > 0) {
+        n_progress_ = 0;
+        return wait(State::kSending, settings.request_timeout_s);
+      }
+      worker_.connections().count(ConnectionEvent::kSlowReader);
+      {
+        // Not even what the kernel has taken is worth keeping.
+        const ::linger at_once{1, 0};
+        ::setsockopt(fd_, SOL_SOCKET, SO_LINGER, &at_once, sizeof at_once);
+      }
+      return close();
+    case State::kIdle:
+      worker_.connections().count(ConnectionEvent::kIdleTimeout);
+      return close();
+    default:
+      return close();
+  }
 }
 
 void Session::drain() {
-  error_code error;
-  const bool idle = state_ == State::kIdle && begin_ == end_ && socket_.available(error) == 0;
-  if (idle || error) close();
+  int n_unread = 0;
+  if (state_ == State::kIdle && buffer_.empty() && ::ioctl(fd_, FIONREAD, &n_unread) == 0 && n_unread == 0) close();
 }
 
 }  // namespace tind

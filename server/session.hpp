@@ -1,70 +1,80 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
-#include <boost/asio/basic_stream_socket.hpp>
-#include <boost/asio/io_context.hpp>
-#include <boost/asio/ip/tcp.hpp>
-#include <chrono>
-#include <memory>
+#include <cstdint>
 #include <string>
 #include <string_view>
 
-#include "config/settings.hpp"
-#include "server/handler.hpp"
-#include "server/request_parser.hpp"
+#include "server/connection_table.hpp"
+#include "server/timer_wheel.hpp"
 
 namespace tind {
 
 class Worker;
 
-/// A socket whose executor is known at compile time: no virtual call per operation.
-using Socket = boost::asio::basic_stream_socket<boost::asio::ip::tcp, boost::asio::io_context::executor_type>;
-using Clock = std::chrono::steady_clock;
-
-/// One connection: reads into its own buffer, answers every complete request in it with one gathered write that does
-/// not block, and copies what the socket did not take, so that a slow client holds neither a dataset nor a cached
-/// answer. Belongs to the thread of its worker.
-class Session : public std::enable_shared_from_this<Session> {
+/// Something that epoll reports on.
+class EventTarget {
  public:
-  Session(Socket socket, Worker& worker);
-  ~Session();
+  virtual ~EventTarget() = default;
+  /// `events`: EPOLLIN and so on.
+  virtual void on_events(std::uint32_t events) = 0;
+};
+
+/// One connection: reads into its worker's buffer, answers every complete request in it with one gathered write that
+/// does not block, and copies what the socket did not take, so that a slow client holds neither a dataset nor a cached
+/// answer. While it waits for a request it has no buffer of its own. Watched edge-triggered; belongs to the thread of
+/// its worker.
+class Session final : public EventTarget, public TimerEntry {
+ public:
+  /// Takes over `fd`, which does not block, and the place that `client` has in the connection table.
+  Session(int fd, const ClientKey& client, Worker& worker);
+  /// Must have been closed.
+  ~Session() override = default;
   Session(const Session&) = delete;
   Session& operator=(const Session&) = delete;
 
-  void start();
-  /// Called a few times a second: ends what is late.
-  void check_deadline(Clock::time_point now);
+  void on_events(std::uint32_t events) override;
+  /// Goes on with requests that were left for later, so that others had their turn.
+  void resume();
+  /// The timer that the session set went off.
+  void on_timer(Tick now);
   /// No further request after the one under way; closes at once when there is none.
   void drain();
+  /// Ends at once.
+  void close();
+
+  int fd() const { return fd_; }
+  std::size_t index = 0;  ///< The worker's: where it keeps the session.
 
  private:
-  enum class State { kIdle, kReceiving, kSending, kLingering };
+  enum class State : std::uint8_t { kIdle, kReceiving, kSending, kLingering, kClosed };
 
-  void read();
-  void on_read(std::size_t n_bytes);
-  void process();
-  bool answer_next();
-  void append_response();
-  void fail_request(int status, const char* why);
+  void work();
+  bool receive(std::size_t& n_bytes);
+  bool answer_next(std::string_view& bytes);
+  void refuse(int status, std::string_view why);
   void flush();
-  void write_rest();
+  void send_rest();
   void after_write();
   void linger();
-  void close();
-  void set_deadline(int seconds) { deadline_ = Clock::now() + std::chrono::seconds(seconds); }
-  std::string_view unread() const { return std::string_view(buffer_).substr(begin_, end_ - begin_); }
+  void discard();
+  void wait(State state, int timeout_s);
 
-  Socket socket_;
-  Worker& worker_;
+  int fd_;
   State state_ = State::kIdle;
-  Clock::time_point deadline_;
-  std::string buffer_;  // bytes [begin_, end_) are not used up yet
-  std::size_t begin_ = 0, end_ = 0;
-  std::uint64_t body_bytes_to_skip_ = 0;  // of a request body that nobody wants
+  bool readable_ = false;   // there may be bytes to read
+  bool peer_done_ = false;  // the client sends no more; still to be read to the end
+  bool at_end_ = false;     // ... and it was
+  bool has_more_ = false;   // complete requests were left for later
   bool close_after_write_ = false;
-  std::size_t lingered_bytes_ = 0;
-
-  std::string rest_;  // of the answers: what the socket did not take at once, from rest_at_ on
+  std::uint32_t n_requests_ = 0;
+  Worker& worker_;
+  const ClientKey client_;
+  Tick deadline_ = 0, timer_at_ = 0;      // timer_at_: where the wheel has it; never later than the deadline
+  std::uint64_t body_bytes_to_skip_ = 0;  // of a request body that nobody wants
+  std::uint64_t n_progress_ = 0;          // bytes sent since the deadline was set, or discarded while lingering
+  std::string buffer_;                    // the beginning of a request
+  std::string rest_;                      // of the answers: what the socket did not take at once, from rest_at_ on
   std::size_t rest_at_ = 0;
 };
 

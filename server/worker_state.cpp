@@ -1,7 +1,21 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "server/worker_state.hpp"
 
+#include <fmt/format.h>
+
+#include "storage/value_hash.hpp"
+
 namespace tind {
+namespace {
+
+// Of the values' hashes: bytes that only move from one piece to the next make another tile.
+std::uint64_t hash_of(const std::array<ByteView, 9>& values) {
+  std::array<std::uint64_t, 9> hashes;
+  for (std::size_t k = 0; k < values.size(); ++k) hashes[k] = value_hash(values[k]);
+  return value_hash({reinterpret_cast<const std::uint8_t*>(hashes.data()), sizeof hashes});
+}
+
+}  // namespace
 
 void WorkerState::begin_batch() {
   if (site_ && version_ == holder_.version()) return;
@@ -19,6 +33,38 @@ Result<const TileStore::Snapshot*> WorkerState::snapshot(const std::shared_ptr<c
   if (!snapshot) return tl::unexpected(snapshot.error());
   const auto placed = open_.emplace(dataset.get(), OpenDataset{dataset, std::move(*snapshot)});
   return &placed.first->second.snapshot;
+}
+
+Result<const ResolvedTile*> WorkerState::resolve(const std::shared_ptr<const Dataset>& dataset, const TileKey& key) {
+  if (table_.empty()) table_.resize(kTableSize);
+  const std::size_t mixed = std::hash<TileKey>{}(key)*0x9e3779b97f4a7c15u + dataset->id;
+  ResolvedTile& slot = table_[(mixed ^ (mixed >> 32)) & (kTableSize - 1)];
+  if (slot.dataset_id == dataset->id && slot.key == key) return &slot;
+  const auto opened = snapshot(dataset);
+  if (!opened) return tl::unexpected(opened.error());
+  slot.dataset_id = 0;
+  if (!(*opened)->find_tile(key, slot.values)) return nullptr;
+  for (const ByteView value : slot.values) {
+    if (!value.empty()) continue;
+    return fail(ErrorKind::kCorrupt,
+                fmt::format("{} {}/{}/{}: a piece is missing", dataset->name, key.level, key.x, key.y));
+  }
+  slot.dataset_id = dataset->id;
+  slot.key = key;
+  slot.hash = hash_of(slot.values);
+  return &slot;
+}
+
+Coding WorkerState::coding_for(std::optional<std::string_view> accept_encoding) {
+  if (!accept_encoding) return choose_coding(accept_encoding);
+  if (coding_.text != *accept_encoding) coding_ = {std::string(*accept_encoding), choose_coding(accept_encoding)};
+  return coding_.value;
+}
+
+bool WorkerState::normals_for(std::optional<std::string_view> accept) {
+  if (!accept) return false;
+  if (normals_.text != *accept) normals_ = {std::string(*accept), wants_normals(accept, std::nullopt)};
+  return normals_.value;
 }
 
 }  // namespace tind

@@ -1,17 +1,30 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
+#include <array>
 #include <memory>
+#include <string>
 #include <unordered_map>
+#include <vector>
 
 #include "core/result.hpp"
+#include "server/negotiation.hpp"
 #include "server/site.hpp"
 
 namespace tind {
 
-/// What one thread keeps from one request to the next: the site that it serves, and a read transaction for each dataset
-/// asked for. Files are never written in place, so a transaction is begun once and views into the map stay valid as
-/// long as the dataset is held: until the next begin_batch(). Belongs to one thread.
+/// A tile's stored values, found in the memory map.
+struct ResolvedTile {
+  std::uint64_t dataset_id = 0;  ///< 0: of none.
+  TileKey key;
+  std::uint64_t hash = 0;          ///< Of the nine values.
+  std::array<ByteView, 9> values;  ///< In the order of pieces_of().
+};
+
+/// What one thread keeps from one request to the next: the site that it serves, a read transaction for each dataset
+/// asked for, the tiles found lately, and scratch memory. Files are never written in place, so a transaction is begun
+/// once and views into the map stay valid as long as the dataset is held: until the next begin_batch(). Belongs to one
+/// thread.
 class WorkerState {
  public:
   /// `holder` must outlive the state.
@@ -24,17 +37,36 @@ class WorkerState {
   const Site& site() const { return *site_; }
   /// The thread's transaction on a dataset of site(). The pointer is good until the next begin_batch().
   Result<const TileStore::Snapshot*> snapshot(const std::shared_ptr<const Dataset>& dataset);
+  /// A tile of a dataset of site(). nullptr: not stored. kCorrupt: a piece is missing. The pointer is good until the
+  /// next call, the views in it until the next begin_batch().
+  Result<const ResolvedTile*> resolve(const std::shared_ptr<const Dataset>& dataset, const TileKey& key);
+
+  /// choose_coding and wants_normals of a field's text; clients say the same thing again and again.
+  Coding coding_for(std::optional<std::string_view> accept_encoding);
+  bool normals_for(std::optional<std::string_view> accept);
+
+  std::string target_scratch;  ///< For parse_target.
 
  private:
+  static constexpr std::size_t kTableSize = std::size_t{1} << 14;  // about 3 MB
+
   struct OpenDataset {
     std::shared_ptr<const Dataset> dataset;
     TileStore::Snapshot snapshot;  // ends before the store that it reads
+  };
+  template <class T>
+  struct Remembered {
+    std::string text;
+    T value{};
   };
 
   const SiteHolder& holder_;
   std::uint64_t version_ = 0;
   std::shared_ptr<const Site> site_;
   std::unordered_map<const Dataset*, OpenDataset> open_;
+  std::vector<ResolvedTile> table_;  // by hash of dataset and key; the newcomer wins
+  Remembered<Coding> coding_;
+  Remembered<bool> normals_;
 };
 
 }  // namespace tind

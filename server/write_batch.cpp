@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "server/write_batch.hpp"
 
+#include <algorithm>
 #include <charconv>
 
 namespace tind {
@@ -15,32 +16,47 @@ void append_number(std::string& out, std::uint64_t value) {
 }  // namespace
 
 void WriteBatch::add(Response& response, std::string_view common, bool keep_alive) {
-  const std::size_t before = heads_.size();
-  heads_ += "HTTP/1.1 ";
-  append_number(heads_, static_cast<std::uint64_t>(response.status));
-  heads_ += ' ';
-  heads_ += reason_phrase(response.status);
-  heads_ += "\r\n";
-  heads_ += common;
-  heads_ += response.fields;
+  const std::size_t before = copied_.size();
+  copied_ += "HTTP/1.1 ";
+  append_number(copied_, static_cast<std::uint64_t>(response.status));
+  copied_ += ' ';
+  copied_ += reason_phrase(response.status);
+  copied_ += "\r\n";
+  copied_ += common;
+  copied_ += response.fields;
   if (response.content_length) {
-    heads_ += "Content-Length: ";
-    append_number(heads_, *response.content_length);
-    heads_ += "\r\n";
+    copied_ += "Content-Length: ";
+    append_number(copied_, *response.content_length);
+    copied_ += "\r\n";
   }
-  heads_ += keep_alive ? "Connection: keep-alive\r\n\r\n" : "Connection: close\r\n\r\n";
-  parts_.push_back({nullptr, heads_.size() - before});
-  n_bytes_ += heads_.size() - before;
-  for (const ByteView slice : response.body()) {
-    parts_.push_back({slice.data(), slice.size()});
+  copied_ += keep_alive ? "Connection: keep-alive\r\n\r\n" : "Connection: close\r\n\r\n";
+  copied_ += response.lead;
+  const std::size_t n_head = copied_.size() - before;
+  add_copied(n_head);
+  for (const ByteView slice : response.slices()) {
+    if (slice.size() <= kCopiedBytes) {
+      copied_.append(reinterpret_cast<const char*>(slice.data()), slice.size());
+      add_copied(slice.size());
+    } else {
+      parts_.push_back({slice.data(), slice.size()});
+    }
     n_bytes_ += slice.size();
   }
+  n_bytes_ += n_head;
   if (auto owner = response.take_owner()) owners_.push_back(std::move(owner));
+}
+
+void WriteBatch::add_copied(std::size_t n) {
+  if (!parts_.empty() && !parts_.back().body) {
+    parts_.back().n += n;
+  } else {
+    parts_.push_back({nullptr, n});
+  }
 }
 
 std::span<const iovec> WriteBatch::buffers() {
   buffers_.clear();
-  const char* head = heads_.data();
+  const char* head = copied_.data();
   for (const Part& part : parts_) {
     const void* data = part.body ? static_cast<const void*>(part.body) : head;
     if (!part.body) head += part.n;
@@ -51,7 +67,7 @@ std::span<const iovec> WriteBatch::buffers() {
 
 void WriteBatch::copy_rest(std::size_t n_sent, std::string& out) const {
   out.reserve(out.size() + n_bytes_ - n_sent);
-  const char* head = heads_.data();
+  const char* head = copied_.data();
   for (const Part& part : parts_) {
     const char* data = part.body ? reinterpret_cast<const char*>(part.body) : head;
     if (!part.body) head += part.n;
@@ -62,7 +78,7 @@ void WriteBatch::copy_rest(std::size_t n_sent, std::string& out) const {
 }
 
 void WriteBatch::clear() {
-  heads_.clear();
+  copied_.clear();
   parts_.clear();
   owners_.clear();
   n_bytes_ = 0;

@@ -37,12 +37,15 @@ class WriteBatch {
 
  private:
   static constexpr std::size_t kEnoughBytes = std::size_t{1} << 20;
+  static constexpr std::size_t kCopiedBytes = 256;  // below, a buffer of its own costs more than the copy
   struct Part {
-    const std::uint8_t* body;  // nullptr: a head, the next n bytes of heads_
+    const std::uint8_t* body;  // nullptr: the next n bytes of copied_
     std::size_t n;
   };
 
-  std::string heads_;
+  void add_copied(std::size_t n);
+
+  std::string copied_;  // heads and small pieces
   std::vector<Part> parts_;
   std::vector<iovec> buffers_;
   std::vector<std::shared_ptr<const void>> owners_;

@@ -84,7 +84,23 @@ struct TileStore::Impl {
 struct TileStore::Snapshot::Impl {
   MDB_txn* txn = nullptr;
   MDB_dbi dbi = 0;
-  ~Impl() { mdb_txn_abort(txn); }
+  MDB_cursor* cursor = nullptr;  // of find_tile, from its first call on
+  ~Impl() {
+    if (cursor) mdb_cursor_close(cursor);
+    mdb_txn_abort(txn);
+  }
+
+  // The value under a key: that after the one found before, or searched for. Empty: none.
+  ByteView walk_to(const std::array<std::uint8_t, kKeyBytes>& key, bool is_next) {
+    MDB_val k{}, v{};
+    if (is_next && mdb_cursor_get(cursor, &k, &v, MDB_NEXT) == 0 && k.mv_size == key.size() &&
+        std::memcmp(k.mv_data, key.data(), key.size()) == 0) {
+      return {static_cast<const std::uint8_t*>(v.mv_data), v.mv_size};
+    }
+    k = to_val(key);
+    if (mdb_cursor_get(cursor, &k, &v, MDB_SET) != 0) return {};
+    return {static_cast<const std::uint8_t*>(v.mv_data), v.mv_size};
+  }
 };
 
 TileStore::Snapshot::Snapshot(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
@@ -95,6 +111,24 @@ TileStore::Snapshot::~Snapshot() = default;
 std::optional<ByteView> TileStore::Snapshot::find(const PieceKey& key) const {
   if (!key.valid()) return std::nullopt;
   return get(impl_->txn, impl_->dbi, key_bytes(key));
+}
+
+bool TileStore::Snapshot::find_tile(const TileKey& key, std::array<ByteView, 9>& values) const {
+  // Places in pieces_of(): the body, without which there is no tile; then by where they are stored, the tile's own cell
+  // (corner, edges), the cells to the east and the north, and the corner beyond both.
+  constexpr std::array<std::size_t, 9> kOrder = {8, 0, 1, 7, 2, 3, 6, 5, 4};
+  if (!key.valid()) return false;
+  if (!impl_->cursor && mdb_cursor_open(impl_->txn, impl_->dbi, &impl_->cursor) != 0) throw std::bad_alloc();
+  const auto keys = pieces_of(key);
+  const PieceKey* before = nullptr;
+  for (const std::size_t k : kOrder) {
+    const PieceKey& piece = keys[k];
+    const bool is_next = before && before->i == piece.i && before->j == piece.j;
+    values[k] = impl_->walk_to(key_bytes(piece), is_next);
+    before = values[k].empty() ? nullptr : &piece;
+    if (k == 8 && values[8].empty()) return false;
+  }
+  return true;
 }
 
 std::optional<ByteView> TileStore::Snapshot::find_manifest() const { return get(impl_->txn, impl_->dbi, kManifestKey); }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
+#include <array>
 #include <memory>
 #include <optional>
 #include <string>
@@ -30,6 +31,10 @@ class TileStore {
     ~Snapshot();
     /// The stored value (a record or a zstd frame) of a piece. `key` need not be canonical. nullopt: not stored.
     std::optional<ByteView> find(const PieceKey& key) const;
+    /// The stored values of a tile's nine pieces, in the order of pieces_of(). Faster than nine find(): pieces that lie
+    /// side by side are walked to. False: the tile is not stored. A piece that is missing beside a body that is there
+    /// is an empty view.
+    bool find_tile(const TileKey& key, std::array<ByteView, 9>& values) const;
     /// The stored value of the manifest. nullopt: the file has none.
     std::optional<ByteView> find_manifest() const;
 

@@ -8,7 +8,7 @@
 #include <thread>
 
 #include "raw_client.hpp"
-#include "server/listener.hpp"
+#include "server/worker.hpp"
 #include "test_site.hpp"
 
 namespace tind {
@@ -29,9 +29,10 @@ class SessionTest : public testing::Test {
     auto site = make_site(settings_);
     ASSERT_TRUE(site.has_value()) << site.error().message;
     site_ = std::make_unique<SiteHolder>(std::make_shared<const Site>(std::move(*site)));
-    handler_ = std::make_unique<Handler>(std::size_t{1} << 22);
-    worker_ = std::make_unique<Worker>(settings_, *handler_, *site_, n_connections_);
-    const auto bound = worker_->listen({boost::asio::ip::make_address("127.0.0.1"), 0});
+    handler_ = std::make_unique<Handler>(settings_);
+    connections_ = std::make_unique<ConnectionTable>(settings_.max_connections, settings_.max_connections_per_address);
+    worker_ = std::make_unique<Worker>(settings_, *handler_, *site_, *connections_);
+    const auto bound = worker_->listen(resolve_address("127.0.0.1:0").value());
     ASSERT_TRUE(bound.has_value()) << bound.error().message;
     port_ = worker_->port();
     thread_ = std::thread([this] { worker_->run(); });
@@ -53,7 +54,7 @@ class SessionTest : public testing::Test {
   test::TemporaryDirectory directory_;
   Settings settings_;
   std::unique_ptr<SiteHolder> site_;
-  std::atomic<int> n_connections_ = 0;
+  std::unique_ptr<ConnectionTable> connections_;
   std::unique_ptr<Handler> handler_;
   std::unique_ptr<Worker> worker_;
   std::uint16_t port_ = 0;
@@ -211,7 +212,7 @@ TEST_F(SessionTest, SlowReaderIsCutAndDisturbsNobody) {
     EXPECT_TRUE(alive());
     std::this_thread::sleep_for(std::chrono::milliseconds(200));
   }
-  EXPECT_EQ(n_connections_, 0) << "the slow one and the finished ones are gone";
+  EXPECT_EQ(connections_->n_open(), 0) << "the slow one and the finished ones are gone";
 }
 
 TEST_F(SessionTest, SlowReaderGetsEveryByteWhileItGoesOn) {

@@ -1,0 +1,237 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "server/worker.hpp"
+
+#include <netinet/in.h>
+#include <netinet/tcp.h>
+#include <sys/epoll.h>
+#include <sys/eventfd.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <cstring>
+#include <ctime>
+#include <system_error>
+#include <utility>
+
+#include "server/http_date.hpp"
+
+namespace tind {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+constexpr std::size_t kInputBytes = 65536;  // beyond a whole header
+constexpr int kEventsAtOnce = 256;
+constexpr int kAcceptsAtOnce = 64;  // then connections have their turn
+
+tl::unexpected<Error> cannot_listen(const std::string& where, int error) {
+  const char* hint = error == EADDRINUSE ? "; stop the other program or give another --listen HOST:PORT" : "";
+  return fail(ErrorKind::kIo, "cannot listen on " + where + ": " + std::strerror(error) + hint);
+}
+
+// Out of memory or descriptors while the daemon starts: nothing can be done without.
+int checked(int fd) {
+  if (fd < 0) throw std::system_error(errno, std::generic_category());
+  return fd;
+}
+
+}  // namespace
+
+class Worker::Listener final : public EventTarget {
+ public:
+  Listener(Worker& worker, int fd) : worker_(worker), fd_(fd) {}
+  ~Listener() override { stop(); }
+  void on_events(std::uint32_t) override {
+    if (fd_ >= 0) worker_.accept_from(fd_);
+  }
+  void stop() {
+    if (fd_ >= 0) ::close(std::exchange(fd_, -1));
+  }
+  int fd() const { return fd_; }
+
+ private:
+  Worker& worker_;
+  int fd_;
+};
+
+class Worker::Waker final : public EventTarget {
+ public:
+  explicit Waker(Worker& worker) : worker_(worker), fd_(checked(::eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC))) {}
+  ~Waker() override { ::close(fd_); }
+  void on_events(std::uint32_t) override { worker_.begin_drain(); }
+  void wake() const {
+    const std::uint64_t one = 1;
+    [[maybe_unused]] const ssize_t n = ::write(fd_, &one, sizeof one);  // fails only when it would wake anyway
+  }
+  int fd() const { return fd_; }
+
+ private:
+  Worker& worker_;
+  int fd_;
+};
+
+Worker::Worker(const Settings& settings, RequestHandler& handler, const SiteHolder& site, ConnectionTable& connections)
+    : settings_(settings),
+      handler_(handler),
+      connections_(connections),
+      state_(site),
+      epoll_(checked(::epoll_create1(EPOLL_CLOEXEC))),
+      waker_(std::make_unique<Waker>(*this)),
+      next_tick_(Clock::now()),
+      input_(static_cast<std::size_t>(settings.max_header_bytes) + kInputBytes) {
+  watch(waker_->fd(), EPOLLIN | EPOLLET, *waker_);
+  refresh_date();
+}
+
+Worker::~Worker() {
+  while (!sessions_.empty()) sessions_.back()->close();
+  ::close(epoll_);
+}
+
+Result<void> Worker::listen(const SocketAddress& address) {
+  const int fd = ::socket(address.family(), SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
+  if (fd < 0) return cannot_listen(address.text(), errno);
+  const int on = 1;
+  // Connections inherit TCP_NODELAY.
+  const bool bound = ::setsockopt(fd, SOL_SOCKET, SO_REUSEADDR, &on, sizeof on) == 0 &&
+                     ::setsockopt(fd, SOL_SOCKET, SO_REUSEPORT, &on, sizeof on) == 0 &&
+                     ::setsockopt(fd, IPPROTO_TCP, TCP_NODELAY, &on, sizeof on) == 0 &&
+                     ::bind(fd, address.get(), address.size) == 0 && ::listen(fd, SOMAXCONN) == 0;
+  if (!bound) {
+    const int error = errno;
+    ::close(fd);
+    return cannot_listen(address.text(), error);
+  }
+  listen_on(fd);
+  return {};
+}
+
+void Worker::listen_on(int fd) {
+  listeners_.push_back(std::make_unique<Listener>(*this, fd));
+  watch(fd, EPOLLIN, *listeners_.back());
+}
+
+std::uint16_t Worker::port() const {
+  SocketAddress address;
+  if (listeners_.empty() || ::getsockname(listeners_[0]->fd(), address.get(), &address.size) != 0) return 0;
+  return address.port();
+}
+
+void Worker::watch(int fd, std::uint32_t events, EventTarget& target) {
+  epoll_event event{};
+  event.events = events;
+  event.data.ptr = &target;
+  checked(::epoll_ctl(epoll_, EPOLL_CTL_ADD, fd, &event));
+}
+
+void Worker::run() {
+  std::array<epoll_event, kEventsAtOnce> events;
+  while (!ended_) {
+    const auto until_tick = std::chrono::duration_cast<std::chrono::milliseconds>(next_tick_ - Clock::now());
+    const int timeout_ms = later_.empty() ? static_cast<int>(std::max<std::int64_t>(until_tick.count() + 1, 0)) : 0;
+    const int n = ::epoll_wait(epoll_, events.data(), kEventsAtOnce, timeout_ms);
+    for (int k = 0; k < n; ++k) {
+      static_cast<EventTarget*>(events[static_cast<std::size_t>(k)].data.ptr)
+          ->on_events(events[static_cast<std::size_t>(k)].events);
+    }
+    if (Clock::now() >= next_tick_) tick();
+    std::vector<Session*> now;
+    now.swap(later_);
+    for (Session* session : now) session->resume();
+    retired_.clear();
+    if (draining_ && (sessions_.empty() || now_ >= drain_deadline_)) ended_ = true;
+  }
+}
+
+void Worker::accept_from(int fd) {
+  for (int k = 0; k < kAcceptsAtOnce; ++k) {
+    SocketAddress peer;
+    const int connection = ::accept4(fd, peer.get(), &peer.size, SOCK_NONBLOCK | SOCK_CLOEXEC);
+    if (connection >= 0) {
+      admit(connection, peer);
+      continue;
+    }
+    if (errno == EINTR || errno == ECONNABORTED) continue;
+    if (errno == EMFILE || errno == ENFILE || errno == ENOBUFS || errno == ENOMEM) {
+      // The socket stays readable, so do not look at it until some connection may have ended.
+      for (const auto& listener : listeners_) ::epoll_ctl(epoll_, EPOLL_CTL_DEL, listener->fd(), nullptr);
+      accepting_ = false;
+    }
+    return;
+  }
+}
+
+void Worker::admit(int fd, const SocketAddress& peer) {
+  const ClientKey client = settings_.max_connections_per_address > 0 ? client_key(peer) : ClientKey{};
+  if (connections_.admit(client) != ConnectionEvent::kAccepted) {
+    handler_.refuse(503, "too many connections", response_);
+    response_.fields += "Retry-After: 1\r\n";
+    batch_.add(response_, common_fields_, false);
+    const auto buffers = batch_.buffers();
+    msghdr message{};
+    message.msg_iov = const_cast<iovec*>(buffers.data());
+    message.msg_iovlen = buffers.size();
+    ::sendmsg(fd, &message, MSG_NOSIGNAL);
+    batch_.clear();
+    ::shutdown(fd, SHUT_WR);
+    ::close(fd);
+    return;
+  }
+  auto session = std::make_unique<Session>(fd, client, *this);
+  session->index = sessions_.size();
+  sessions_.push_back(std::move(session));
+  watch(fd, EPOLLIN | EPOLLOUT | EPOLLRDHUP | EPOLLET, *sessions_.back());
+}
+
+void Worker::retire(Session& session) {
+  std::unique_ptr<Session>& place = sessions_[session.index];
+  retired_.push_back(std::move(place));
+  if (session.index + 1 < sessions_.size()) {
+    place = std::move(sessions_.back());
+    place->index = session.index;
+  }
+  sessions_.pop_back();
+}
+
+// A coarse clock for all connections instead of a timer each.
+void Worker::tick() {
+  constexpr auto kStep = std::chrono::duration_cast<Clock::duration>(std::chrono::seconds(1)) / kTicksPerSecond;
+  const auto n_missed = (Clock::now() - next_tick_) / kStep;
+  next_tick_ += (n_missed + 1) * kStep;
+  now_ += n_missed + 1;
+  refresh_date();
+  state_.begin_batch();  // an idle thread lets go of what was swapped out, too
+  timers_.advance(now_, [&](TimerEntry& entry) { static_cast<Session&>(entry).on_timer(now_); });
+  if (!accepting_ && !draining_) {
+    accepting_ = true;
+    for (const auto& listener : listeners_) watch(listener->fd(), EPOLLIN, *listener);
+  }
+}
+
+void Worker::refresh_date() {
+  const std::time_t now = std::time(nullptr);
+  if (now == date_second_) return;
+  date_second_ = now;
+  common_fields_ = "Server: tind\r\nDate: " + format_http_date(now) + "\r\n";
+}
+
+void Worker::drain() { waker_->wake(); }
+
+void Worker::begin_drain() {
+  if (draining_) return;
+  // Connections that the kernel has accepted for us are clients who believe they are served.
+  for (const auto& listener : listeners_) {
+    for (std::size_t before = sessions_.size() + 1; before != sessions_.size();) {
+      before = sessions_.size();
+      accept_from(listener->fd());
+    }
+  }
+  for (const auto& listener : listeners_) listener->stop();  // an event of this round may still name it
+  draining_ = true;
+  drain_deadline_ = now_ + ticks(settings_.drain_timeout_s);
+  for (std::size_t k = sessions_.size(); k > 0; --k) sessions_[k - 1]->drain();
+}
+
+}  // namespace tind

@@ -1,0 +1,103 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+#include <atomic>
+#include <chrono>
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "config/settings.hpp"
+#include "core/result.hpp"
+#include "server/connection_table.hpp"
+#include "server/handler.hpp"
+#include "server/request_parser.hpp"
+#include "server/session.hpp"
+#include "server/timer_wheel.hpp"
+#include "server/write_batch.hpp"
+
+namespace tind {
+
+/// One thread's event loop (epoll), listening sockets and connections. Everything but drain() belongs to that thread.
+class Worker {
+ public:
+  /// The references must outlive the worker.
+  Worker(const Settings& settings, RequestHandler& handler, const SiteHolder& site, ConnectionTable& connections);
+  ~Worker();
+  Worker(const Worker&) = delete;
+  Worker& operator=(const Worker&) = delete;
+
+  /// Binds with SO_REUSEPORT, so that the kernel spreads connections over the workers. Call before run(). kIo.
+  Result<void> listen(const SocketAddress& address);
+  /// Accepts from a socket that listens already; takes `fd` over.
+  void listen_on(int fd);
+  /// The port of the first listening socket.
+  std::uint16_t port() const;
+  /// Returns when drained.
+  void run();
+  /// Stops accepting, lets answers under way finish for settings.drain_timeout_s, then ends run(). Any thread.
+  void drain();
+
+  // For sessions.
+  const Settings& settings() const { return settings_; }
+  RequestHandler& handler() { return handler_; }
+  ConnectionTable& connections() { return connections_; }
+  WorkerState& state() { return state_; }
+  TimerWheel& timers() { return timers_; }
+  Tick now() const { return now_; }
+  bool draining() const { return draining_; }
+  /// What is read goes here first. Room for a whole header, and more.
+  std::span<char> input() { return input_; }
+  FieldScratch& field_scratch() { return field_scratch_; }
+  /// The answer being made, and those made but not sent. One session at a time has them, and leaves them empty.
+  Response& response() { return response_; }
+  WriteBatch& batch() { return batch_; }
+  /// Server and Date, as header lines; at most a fraction of a second old.
+  const std::string& common_fields() const { return common_fields_; }
+  /// Calls session.resume() when others have had their turn.
+  void later(Session& session) { later_.push_back(&session); }
+  /// Frees a session that has closed, soon.
+  void retire(Session& session);
+
+  /// Ticks in so many seconds, rounded up: a deadline is never early.
+  static constexpr Tick ticks(int seconds) { return Tick{seconds} * kTicksPerSecond + 1; }
+
+ private:
+  static constexpr Tick kTicksPerSecond = 4;
+
+  class Listener;
+  class Waker;
+
+  void accept_from(int fd);
+  void admit(int fd, const SocketAddress& peer);
+  void watch(int fd, std::uint32_t events, EventTarget& target);
+  void tick();
+  void begin_drain();
+  void refresh_date();
+
+  const Settings& settings_;
+  RequestHandler& handler_;
+  ConnectionTable& connections_;
+  WorkerState state_;
+  int epoll_ = -1;
+  std::vector<std::unique_ptr<Listener>> listeners_;
+  std::unique_ptr<Waker> waker_;  // for drain()
+  std::chrono::steady_clock::time_point next_tick_;
+  Tick now_ = 0;
+  TimerWheel timers_{0};
+  std::vector<std::unique_ptr<Session>> sessions_;
+  std::vector<std::unique_ptr<Session>> retired_;  // until no event of this round can name them
+  std::vector<Session*> later_;
+  bool accepting_ = true;  // false for a while after accept() failed
+  bool draining_ = false, ended_ = false;
+  Tick drain_deadline_ = 0;
+  std::vector<char> input_;
+  FieldScratch field_scratch_;
+  Response response_;
+  WriteBatch batch_;
+  std::string common_fields_;
+  std::int64_t date_second_ = -1;
+};
+
+}  // namespace tind

@@ -1,0 +1,13 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+#include <cstdint>
+
+#include "core/format/bytes.hpp"
+
+namespace tind {
+
+/// 64-bit XXH3 of the bytes. Not stored anywhere: for tables in memory and for entity tags. Pure, thread safe.
+std::uint64_t value_hash(ByteView bytes);
+
+}  // namespace tind
