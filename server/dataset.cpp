@@ -36,8 +36,8 @@ std::string fingerprint(std::initializer_list<std::string_view> texts) {
   return hash.hex();
 }
 
-Result<Dataset> open_dataset(const std::string& path) {
-  std::string name = std::filesystem::path(path).stem().string();
+Result<Dataset> open_dataset(const std::string& path, std::string name) {
+  if (name.empty()) name = std::filesystem::path(path).stem().string();
   if (name.empty() || is_reserved_name(name)) {
     return fail(ErrorKind::kInvalidInput, path + ": '" + name + "' is a name the daemon needs itself; rename the file");
   }

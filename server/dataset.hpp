@@ -15,7 +15,7 @@ namespace tind {
 
 /// One open .tind file under its name. Const access is thread safe.
 struct Dataset {
-  std::string name;  ///< The file's stem.
+  std::string name;  ///< The file's stem, or what the settings call it.
   TileStore store;
   Manifest manifest;
   std::string manifest_json;
@@ -25,8 +25,9 @@ struct Dataset {
   std::string last_modified;    ///< The same as HTTP says it.
 };
 
-/// Opens a file. Fails as TileStore::open and decode_manifest do, and with kInvalidInput on a name that a route has.
-Result<Dataset> open_dataset(const std::string& path);
+/// Opens a file, to be called `name` (empty: its stem). Fails as TileStore::open and decode_manifest do, and with
+/// kInvalidInput on a name that a route has.
+Result<Dataset> open_dataset(const std::string& path, std::string name = {});
 
 /// Reads and assembles a tile. nullopt: not stored. kCorrupt: a piece is missing or broken.
 Result<std::optional<VirtualNode>> load_tile(const Dataset& dataset, const TileStore::Snapshot& snapshot,

@@ -4,10 +4,11 @@
 #include <fmt/format.h>
 
 #include <array>
-#include <cstdio>
+#include <charconv>
 #include <cstring>
 
 #include "server/conditions.hpp"
+#include "server/log.hpp"
 #include "server/negotiation.hpp"
 #include "server/static_files.hpp"
 #include "storage/value_hash.hpp"
@@ -17,8 +18,8 @@ namespace tind {
 namespace {
 
 constexpr int kOk = 200, kNoContent = 204, kPartialContent = 206, kNotModified = 304, kMovedPermanently = 308,
-              kNotFound = 404, kMethodNotAllowed = 405, kPreconditionFailed = 412, kRangeNotSatisfiable = 416,
-              kInternalError = 500, kNotImplemented = 501, kUnavailable = 503;
+              kBadRequest = 400, kNotFound = 404, kMethodNotAllowed = 405, kPreconditionFailed = 412,
+              kRangeNotSatisfiable = 416, kInternalError = 500, kNotImplemented = 501, kUnavailable = 503;
 constexpr std::size_t kMegabyte = std::size_t{1} << 20;
 constexpr std::string_view kAllow = "Allow: GET, HEAD, OPTIONS\r\n";
 // An address that carries the dataset's version never changes its bytes; all others are asked again after a minute.
@@ -84,13 +85,14 @@ struct Handler::Context {
   Target target;
   Coding wanted;
   std::string_view cache_control = kShortly;
+  const ServedDataset* asked = nullptr;  ///< The dataset that the address names; a base of it may answer.
 
-  void set_version(const Dataset& dataset) {
-    if (raw_query_value(target.query, "v") == dataset.version) cache_control = kForever;
+  void set_version() {
+    if (raw_query_value(target.query, "v") == asked->version) cache_control = kForever;
   }
   void not_found(std::string_view what) { problem_response(out, kNotFound, what, request.target, kShortly); }
   void internal_error(const Error& error) {
-    std::fprintf(stderr, "tind: %s\n", error.message.c_str());
+    log_error(error.message);
     problem_response(out, kInternalError, "this part of the dataset cannot be read", request.target);
   }
   // Answers 304 or 412 where the request's conditions want it.
@@ -150,6 +152,16 @@ struct Handler::Representation {
 };
 
 namespace {
+
+// The page of `/datasets` that the query asks for, from 0; nullopt: there is no such page.
+std::optional<std::size_t> list_page(std::string_view query, std::size_t n_pages) {
+  const auto text = raw_query_value(query, "page");
+  if (!text) return 0;
+  std::size_t page = 0;
+  const auto [end, error] = std::from_chars(text->data(), text->data() + text->size(), page);
+  if (error != std::errc() || end != text->data() + text->size() || page < 1 || page > n_pages) return std::nullopt;
+  return page - 1;
+}
 
 void send(Response& out, std::string_view cache_control, const std::shared_ptr<const CachedResponse>& cached) {
   out.reset();
@@ -230,7 +242,7 @@ void Handler::encoded(Context& context, const ServedDataset& served, const TileK
       {"application/json", "c", "Accept-Encoding"},
   }};
   const Dataset& dataset = *served.dataset;
-  context.set_version(dataset);
+  context.set_version();
   const CacheKey cached_as = cache_key(dataset.id, static_cast<Kind>(format), context.wanted, key);
   if (const auto cached = cache_.find(cached_as)) {
     const Validators validators{cached->etag, dataset.modified_s};
@@ -267,7 +279,7 @@ void Handler::parts(Context& context, const ServedDataset& served, const TileKey
   if (!resolved) return context.internal_error(resolved.error());
   if (!*resolved) return context.not_found("no such tile");
   const ResolvedTile& tile = **resolved;
-  context.set_version(*served.dataset);
+  context.set_version();
   const Tag tag(tile.hash, "p", Coding::kIdentity);
   const Representation representation{"application/vnd.tind.parts", tag.view(), "", served.dataset.get()};
   if (context.is_answered_by(representation.validators(),
@@ -305,7 +317,7 @@ void Handler::piece(Context& context, const ServedDataset& served, const PieceKe
   if (!snapshot) return context.internal_error(snapshot.error());
   const auto value = (*snapshot)->find(key);
   if (!value) return context.not_found("no such piece");
-  context.set_version(*served.dataset);
+  context.set_version();
   const Tag tag(value_hash(*value), "r", context.wanted);
   const Representation representation{"application/vnd.tind.piece", tag.view(), "Accept-Encoding",
                                       served.dataset.get()};
@@ -339,11 +351,28 @@ void Handler::answer(Context& context) {
   const Site& site = context.worker.site();
   Response& out = context.out;
   const auto with_dataset = [&](std::string_view name, auto&& use) {
-    const ServedDataset* served = site.find(name);
-    served ? use(*served) : context.not_found("no such dataset");
+    const auto served = context.worker.dataset(name);
+    if (!served) {  // told of when it was tried first
+      return problem_response(out, kInternalError, "this dataset cannot be opened", context.request.target, kNever);
+    }
+    if (!*served) return context.not_found("no such dataset");
+    context.asked = *served;
+    use(**served);
+  };
+  const auto with_tile = [&](std::string_view name, const TileKey& key, auto&& use) {
+    with_dataset(name, [&](const ServedDataset& served) {
+      const ServedDataset& owner = served.owner_of(key);
+      use(owner);
+      if (&owner != &served && out.status < kBadRequest) {
+        out.fields += fmt::format("Tind-Dataset: {}\r\n", percent_encode(owner.dataset->name));
+      }
+    });
   };
   std::visit(Overloaded{[&](const IndexRoute&) { document(context, site.index); },
-                        [&](const DatasetsRoute&) { document(context, site.list); },
+                        [&](const DatasetsRoute&) {
+                          const auto page = list_page(context.target.query, site.lists.size());
+                          page ? document(context, site.lists[*page]) : context.not_found("no such page");
+                        },
                         [&](const ScriptRoute&) { document(context, site.script); },
                         [&](const StyleRoute&) { document(context, site.style); },
                         [&](const HealthRoute&) { text_response(out, kOk, "ok", kNever); },
@@ -367,7 +396,7 @@ void Handler::answer(Context& context) {
                           });
                         },
                         [&](const TileRoute& r) {
-                          with_dataset(r.name, [&](const ServedDataset& served) {
+                          with_tile(r.name, r.key, [&](const ServedDataset& served) {
                             if (r.format == TileFormat::kTerrain) return terrain(context, served, r.key);
                             if (r.format == TileFormat::kParts) return parts(context, served, r.key);
                             encoded(context, served, r.key, EncodedFormat::kVn);
@@ -377,7 +406,7 @@ void Handler::answer(Context& context) {
                           with_dataset(r.name, [&](const ServedDataset& served) { piece(context, served, r.key); });
                         },
                         [&](const CodesRoute& r) {
-                          with_dataset(r.name, [&](const ServedDataset& served) {
+                          with_tile(r.name, r.key, [&](const ServedDataset& served) {
                             encoded(context, served, r.key, EncodedFormat::kCodes);
                           });
                         }},

@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <nlohmann/json.hpp>
 
+#include "server/route.hpp"
+
 namespace tind {
 
 std::vector<TileRectangle> available_rectangles(const std::vector<TileRun>& rows) {
@@ -42,33 +44,35 @@ std::vector<TileRectangle> available_rectangles(const std::vector<TileRun>& rows
   return done;
 }
 
-std::string make_layer_json(const Manifest& manifest, const std::string& name, const std::string& version) {
+std::string make_layer_json(const Manifest& manifest, const LayerOptions& options) {
   using nlohmann::ordered_json;
   ordered_json available = ordered_json::array();
-  for (const LevelInfo& level : manifest.levels) {
+  for (const std::vector<TileRun>& rows : options.tiles) {
     ordered_json rectangles = ordered_json::array();
-    for (const TileRectangle& r : available_rectangles(level.rows)) {
+    for (const TileRectangle& r : available_rectangles(rows)) {
       rectangles.push_back({{"startX", r.x_first}, {"startY", r.y_first}, {"endX", r.x_last}, {"endY", r.y_last}});
     }
     available.push_back(std::move(rectangles));
   }
   // The version stands in the address itself, so that every client and cache asks anew after the dataset has changed.
-  const ordered_json layer = {{"tilejson", "2.1.0"},
-                              {"name", name},
-                              {"description", "TIN terrain served by tind"},
-                              {"version", "1.0.0-" + version},
-                              {"format", "quantized-mesh-1.0"},
-                              {"scheme", "tms"},
-                              {"projection", "EPSG:4326"},
-                              {"bounds", manifest.bounds_deg},
-                              {"minzoom", 0},
-                              {"maxzoom", manifest.levels.empty() ? 0 : static_cast<int>(manifest.levels.size()) - 1},
-                              {"tiles", {"{z}/{x}/{y}.terrain?v=" + version}},
-                              {"available", std::move(available)},
-                              {"extensions", {"octvertexnormals"}},
-                              {"attribution", manifest.attribution},
-                              {"heights", manifest.heights},
-                              {"vertical_datum", manifest.vertical_datum}};
+  ordered_json layer = {{"tilejson", "2.1.0"},
+                        {"name", options.name},
+                        {"description", "TIN terrain served by tind"},
+                        {"version", "1.0.0-" + options.version},
+                        {"format", "quantized-mesh-1.0"},
+                        {"scheme", "tms"},
+                        {"projection", "EPSG:4326"},
+                        {"bounds", manifest.bounds_deg},
+                        {"minzoom", 0},
+                        {"maxzoom", options.tiles.empty() ? 0 : static_cast<int>(options.tiles.size()) - 1},
+                        {"tiles", {"{z}/{x}/{y}.terrain?v=" + options.version}},
+                        {"available", std::move(available)},
+                        {"extensions", {"octvertexnormals"}},
+                        {"attribution", manifest.attribution},
+                        {"heights", manifest.heights},
+                        {"vertical_datum", manifest.vertical_datum}};
+  // Both Cesium clients resolve it against this file's address and append layer.json.
+  if (!options.parent.empty()) layer["parentUrl"] = "../" + percent_encode(options.parent) + "/";
   return layer.dump();
 }
 

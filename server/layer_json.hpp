@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "server/tile_rows.hpp"
 #include "storage/manifest.hpp"
 
 namespace tind {
@@ -19,7 +20,15 @@ struct TileRectangle {
 /// rows that follow each other. `rows` sorted as in the manifest. Sorted by y_first, then x_first.
 std::vector<TileRectangle> available_rectangles(const std::vector<TileRun>& rows);
 
-/// layer.json for quantized-mesh clients (TileJSON 2.1.0 with Cesium's members). `version`: of the dataset.
-std::string make_layer_json(const Manifest& manifest, const std::string& name, const std::string& version);
+/// What layer.json says besides the manifest.
+struct LayerOptions {
+  std::string name;
+  std::string version;  ///< Of all that the tiles' bytes depend on.
+  TileRows tiles;       ///< Listed as available.
+  std::string parent;   ///< Name of the dataset to be asked for other tiles (`parentUrl`); empty: none.
+};
+
+/// layer.json for quantized-mesh clients (TileJSON 2.1.0 with Cesium's members).
+std::string make_layer_json(const Manifest& manifest, const LayerOptions& options);
 
 }  // namespace tind

@@ -5,7 +5,11 @@
 #include <exception>
 
 #include "config/command_line.hpp"
+#include "server/catalog.hpp"
+#include "server/keeper.hpp"
 #include "server/listener.hpp"
+#include "server/log.hpp"
+#include "server/service_manager.hpp"
 #include "storage/doctor/check_command.hpp"
 
 namespace {
@@ -22,6 +26,25 @@ int report(const tind::Error& error) {
   return kFailed;
 }
 
+// The settings as they would be at a start now.
+tind::Result<tind::Settings> read_settings(const std::vector<std::string>& arguments) {
+  auto command = tind::read_command_line(arguments, environment);
+  if (auto* settings = std::get_if<tind::Settings>(&command)) return std::move(*settings);
+  std::string message = std::get<tind::CommandExit>(command).text;
+  while (message.ends_with('\n')) message.pop_back();
+  return tind::fail(tind::ErrorKind::kInvalidInput, std::move(message));
+}
+
+// Lines go through a queue as long as this lives, which must be longer than the threads that write them.
+struct ErrorLog {
+  explicit ErrorLog(const tind::Settings& settings) {
+    tind::start_log(tind::log_level_of(settings.log_level), tind::log_format_of(settings.log_format));
+  }
+  ~ErrorLog() { tind::stop_log(); }
+  ErrorLog(const ErrorLog&) = delete;
+  ErrorLog& operator=(const ErrorLog&) = delete;
+};
+
 int run(const std::vector<std::string>& arguments) {
   const auto command = tind::read_command_line(arguments, environment);
   if (const auto* done = std::get_if<tind::CommandExit>(&command)) {
@@ -32,14 +55,17 @@ int run(const std::vector<std::string>& arguments) {
     return tind::run_check({check->paths, check->as_json, 0}, stdout, stderr);
   }
   const auto& settings = std::get<tind::Settings>(command);
-  auto site = tind::make_site(settings);
-  if (!site) return report(site.error());
+  const auto catalog = tind::Catalog::open(settings);
+  if (!catalog) return report(catalog.error());
+  tind::block_signals();
   std::signal(SIGPIPE, SIG_IGN);  // a client that went away is an error of its write, not of the daemon
-  const tind::SiteHolder holder(std::make_shared<const tind::Site>(std::move(*site)));
   tind::Handler handler(settings);
-  const auto served = tind::serve(settings, handler, holder, [](const std::string& where) {
+  const ErrorLog log(settings);
+  tind::Keeper keeper(**catalog, settings, {[&] { return read_settings(arguments); }, {}, {}});
+  const auto served = tind::serve(settings, handler, (*catalog)->holder(), keeper, [](const std::string& where) {
     std::printf("tind: listening on http://%s\n", where.c_str());
     std::fflush(stdout);
+    tind::notify_service_manager("READY=1");
   });
   return served ? 0 : report(served.error());
 }

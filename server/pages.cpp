@@ -11,6 +11,8 @@
 namespace tind {
 namespace {
 
+constexpr std::size_t kSections = 20;  // datasets on the index page with all their levels
+
 std::string escape_html(std::string_view text) {
   std::string out;
   for (const char c : text) {
@@ -116,7 +118,7 @@ TileKey example_tile(const Manifest& manifest) {
   return {};
 }
 
-std::string make_index_page(const std::vector<std::shared_ptr<const Dataset>>& datasets, bool has_cesium) {
+std::string make_index_page(const std::vector<ListedDataset>& datasets, bool has_cesium) {
   std::string out = page_head("tind: terrain", "");
   out +=
       "<body class=\"text\">\n<h1>tind</h1>\n<p>TIN terrain over HTTP. Tile rows count from the south (TMS). "
@@ -126,33 +128,59 @@ std::string make_index_page(const std::vector<std::shared_ptr<const Dataset>>& d
         "<p class=\"note\">The globe pages need CesiumJS: <code>npm install cesium</code>, then start tind with "
         "<code>--cesium node_modules/cesium/Build/Cesium</code>.</p>\n";
   }
-  for (const auto& dataset : datasets) append_dataset(out, *dataset, has_cesium);
+  std::size_t n_sections = 0;
+  std::string others;
+  std::size_t n_others = 0;
+  for (const ListedDataset& listed : datasets) {
+    if (listed.open && n_sections < kSections) {
+      append_dataset(out, *listed.open->dataset, has_cesium);
+      ++n_sections;
+    } else if (++n_others <= kDatasetsPerPage) {
+      others += fmt::format("<li><a href=\"{}/\">{}</a></li>\n", percent_encode(listed.name), escape_html(listed.name));
+    }
+  }
+  if (n_others > 0) out += "<section>\n<h2>More datasets</h2>\n<ul>\n" + others + "</ul>\n";
+  if (n_others > kDatasetsPerPage) {
+    out += fmt::format("<p>And {} more: see <a href=\"datasets\">the list</a>.</p>\n",
+                       grouped(n_others - kDatasetsPerPage));
+  }
+  if (n_others > 0) out += "</section>\n";
   out +=
       "<script>for (const b of document.querySelectorAll('.origin')) "
       "b.textContent = new URL('.', location.href).href.slice(0, -1);</script>\n</body>\n</html>\n";
   return out;
 }
 
-std::string make_dataset_list(const std::vector<std::shared_ptr<const Dataset>>& datasets) {
+std::vector<std::string> make_dataset_lists(const std::vector<ListedDataset>& datasets) {
   using nlohmann::ordered_json;
-  ordered_json list = ordered_json::array();
-  for (const auto& dataset : datasets) {
-    const Manifest& m = dataset->manifest;
-    const std::string folder = percent_encode(dataset->name) + "/";
-    list.push_back({{"name", dataset->name},
-                    {"bounds_deg", m.bounds_deg},
-                    {"bottom_level", m.bottom_level},
-                    {"tolerance_m", m.levels.empty() ? 0.0 : m.levels.back().tolerance_m},
-                    {"links",
-                     {{"globe", folder},
-                      {"meta", folder + "meta.json"},
-                      {"layer", folder + "layer.json"},
-                      {"terrain", folder + "{level}/{x}/{y}.terrain"},
-                      {"vn", folder + "{level}/{x}/{y}.vn"},
-                      {"parts", folder + "{level}/{x}/{y}.parts"},
-                      {"codes", folder + "codes/{level}/{x}/{y}"}}}});
-  }
-  return ordered_json{{"datasets", std::move(list)}}.dump();
+  std::vector<std::string> pages;
+  std::size_t at = 0;
+  do {
+    const std::size_t end = std::min(datasets.size(), at + kDatasetsPerPage);
+    ordered_json list = ordered_json::array();
+    for (; at < end; ++at) {
+      const ListedDataset& listed = datasets[at];
+      const std::string folder = percent_encode(listed.name) + "/";
+      ordered_json entry = {{"name", listed.name}};
+      if (listed.summary) {
+        entry["bounds_deg"] = listed.summary->bounds_deg;
+        entry["bottom_level"] = listed.summary->bottom_level;
+        entry["tolerance_m"] = listed.summary->tolerance_m;
+      }
+      entry["links"] = {{"globe", folder},
+                        {"meta", folder + "meta.json"},
+                        {"layer", folder + "layer.json"},
+                        {"terrain", folder + "{level}/{x}/{y}.terrain"},
+                        {"vn", folder + "{level}/{x}/{y}.vn"},
+                        {"parts", folder + "{level}/{x}/{y}.parts"},
+                        {"codes", folder + "codes/{level}/{x}/{y}"}};
+      list.push_back(std::move(entry));
+    }
+    ordered_json page = {{"datasets", std::move(list)}};
+    if (at < datasets.size()) page["next"] = fmt::format("datasets?page={}", pages.size() + 2);
+    pages.push_back(page.dump(-1, ' ', false, ordered_json::error_handler_t::replace));
+  } while (at < datasets.size());
+  return pages;
 }
 
 std::string make_no_cesium_page() {

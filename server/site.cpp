@@ -2,8 +2,8 @@
 #include "server/site.hpp"
 
 #include <filesystem>
+#include <utility>
 
-#include "server/layer_json.hpp"
 #include "server/pages.hpp"
 
 namespace tind {
@@ -12,16 +12,11 @@ namespace {
 constexpr const char* kHtml = "text/html; charset=utf-8";
 constexpr const char* kJson = "application/json";
 
-Document document(std::string text, const char* content_type) {
-  std::string hash = fingerprint({text});
-  return {std::move(text), content_type, std::move(hash)};
-}
-
 }  // namespace
 
-const ServedDataset* Site::find(std::string_view name) const {
-  const auto found = by_name.find(name);
-  return found == by_name.end() ? nullptr : &datasets[found->second];
+DatasetSlot* Site::find(std::string_view name) const {
+  const auto found = slots_by_name.find(name);
+  return found == slots_by_name.end() ? nullptr : found->second;
 }
 
 std::shared_ptr<const Site> SiteHolder::current() const {
@@ -30,45 +25,41 @@ std::shared_ptr<const Site> SiteHolder::current() const {
 }
 
 void SiteHolder::replace(std::shared_ptr<const Site> site) {
-  const std::lock_guard lock(mutex_);
-  site_.swap(site);
-  version_.fetch_add(1, std::memory_order_release);
+  {
+    const std::lock_guard lock(mutex_);
+    site_.swap(site);
+  }
+  touch();
+  // The last one to hold the old site, which may be this thread, unmaps its files: not under the lock.
 }
 
-Result<Site> make_site(const Settings& settings) {
+Result<std::string> find_cesium(const std::string& directory) {
+  if (directory.empty()) return std::string();
+  std::error_code error;
+  const auto root = std::filesystem::canonical(directory, error);
+  if (error || !std::filesystem::is_regular_file(root / "Cesium.js", error)) {
+    return fail(ErrorKind::kInvalidInput,
+                directory + ": no Cesium.js in it; give the Build/Cesium directory of npm's cesium");
+  }
+  return root.string();
+}
+
+std::shared_ptr<const Site> make_site(std::vector<std::shared_ptr<DatasetSlot>> slots, const std::string& cesium_root) {
   Site site;
-  for (const DatasetSpec& spec : settings.datasets) {
-    const std::string& path = spec.path;
-    auto dataset = open_dataset(path);
-    if (!dataset) return tl::unexpected(dataset.error());
-    if (!site.by_name.emplace(dataset->name, site.datasets.size()).second) {
-      return fail(ErrorKind::kInvalidInput,
-                  path + ": a dataset named '" + dataset->name + "' is given twice; rename one");
-    }
-    site.datasets.push_back({std::make_shared<const Dataset>(std::move(*dataset)), {}, {}});
+  site.slots = std::move(slots);
+  site.cesium_root = cesium_root;
+  std::vector<ListedDataset> listed;
+  for (const auto& slot : site.slots) {
+    site.slots_by_name.emplace(slot->source().name, slot.get());
+    if (slot->has_failed()) continue;
+    listed.push_back({slot->source().name, slot->summary(), slot->if_open()});
   }
-  if (!settings.cesium.empty()) {
-    std::error_code error;
-    const auto root = std::filesystem::canonical(settings.cesium, error);
-    if (error || !std::filesystem::is_regular_file(root / "Cesium.js", error)) {
-      return fail(ErrorKind::kInvalidInput,
-                  settings.cesium + ": no Cesium.js in it; give the Build/Cesium directory of npm's cesium");
-    }
-    site.cesium_root = root.string();
-  }
-  std::vector<std::shared_ptr<const Dataset>> datasets;
-  for (ServedDataset& served : site.datasets) {
-    const Dataset& dataset = *served.dataset;
-    served.meta = document(dataset.manifest_json, kJson);
-    served.layer = document(make_layer_json(dataset.manifest, dataset.name, dataset.version), kJson);
-    datasets.push_back(served.dataset);
-  }
-  site.index = document(make_index_page(datasets, !site.cesium_root.empty()), kHtml);
-  site.list = document(make_dataset_list(datasets), kJson);
-  site.globe = document(site.cesium_root.empty() ? make_no_cesium_page() : globe_page(), kHtml);
-  site.script = document(globe_script(), "text/javascript; charset=utf-8");
-  site.style = document(style_sheet(), "text/css; charset=utf-8");
-  return site;
+  site.index = make_document(make_index_page(listed, !cesium_root.empty()), kHtml);
+  for (std::string& page : make_dataset_lists(listed)) site.lists.push_back(make_document(std::move(page), kJson));
+  site.globe = make_document(cesium_root.empty() ? make_no_cesium_page() : globe_page(), kHtml);
+  site.script = make_document(globe_script(), "text/javascript; charset=utf-8");
+  site.style = make_document(style_sheet(), "text/css; charset=utf-8");
+  return std::make_shared<const Site>(std::move(site));
 }
 
 }  // namespace tind

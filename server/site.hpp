@@ -11,39 +11,28 @@
 #include <vector>
 
 #include "config/settings.hpp"
-#include "server/dataset.hpp"
+#include "server/served_dataset.hpp"
 
 namespace tind {
 
-/// A text made once, when the daemon starts.
-struct Document {
-  std::string text;
-  const char* content_type = "";
-  std::string etag_base;  ///< Hash of the text.
-};
-
-/// A dataset and the texts about it.
-struct ServedDataset {
-  std::shared_ptr<const Dataset> dataset;
-  Document meta, layer;
-};
-
-/// Lets a map with text keys be asked with a view.
-struct TextHash {
-  using is_transparent = void;
-  std::size_t operator()(std::string_view text) const { return std::hash<std::string_view>{}(text); }
-};
-
-/// What is served: datasets and the texts about them. Built once, then read by all threads.
+/// What is served at one moment: datasets and the texts about them. Never changes but for its slots opening and
+/// closing; a change of the files makes another site, which shares the slots that stay.
 struct Site {
-  std::vector<ServedDataset> datasets;
-  std::unordered_map<std::string, std::size_t, TextHash, std::equal_to<>> by_name;
+  std::vector<std::shared_ptr<DatasetSlot>> slots;                   ///< Sorted by name.
+  std::unordered_map<std::string_view, DatasetSlot*> slots_by_name;  ///< Names and slots are those of `slots`.
   std::string cesium_root;  ///< Canonical directory of CesiumJS; empty: not installed.
-  Document index, list, globe, script, style;
+  Document index, globe, script, style;
+  std::vector<Document> lists;  ///< Pages of `/datasets`, at least one.
 
-  /// nullptr when there is none of that name. The pointer is into `datasets`.
-  const ServedDataset* find(std::string_view name) const;
+  /// nullptr when there is none of that name.
+  DatasetSlot* find(std::string_view name) const;
 };
+
+/// Puts slots and the texts about them together. `slots` sorted by name.
+std::shared_ptr<const Site> make_site(std::vector<std::shared_ptr<DatasetSlot>> slots, const std::string& cesium_root);
+
+/// The canonical directory of CesiumJS. kInvalidInput when the one given has no Cesium.js; empty for an empty one.
+Result<std::string> find_cesium(const std::string& directory);
 
 /// The site of the moment. Thread safe.
 class SiteHolder {
@@ -53,6 +42,8 @@ class SiteHolder {
   std::shared_ptr<const Site> current() const;
   /// Swaps in another site. Threads take it over with their next batch of requests; until then they hold the old one.
   void replace(std::shared_ptr<const Site> site);
+  /// Makes threads look again which of the slots are open.
+  void touch() { version_.fetch_add(1, std::memory_order_release); }
   /// Counts the swaps: a thread that knows the number need not ask for the site.
   std::uint64_t version() const { return version_.load(std::memory_order_acquire); }
 
@@ -61,9 +52,5 @@ class SiteHolder {
   std::shared_ptr<const Site> site_;
   std::atomic<std::uint64_t> version_ = 0;
 };
-
-/// Opens the datasets and makes the texts. Fails with the first file that does not open, with kInvalidInput when two
-/// have one name or when the CesiumJS directory has no Cesium.js.
-Result<Site> make_site(const Settings& settings);
 
 }  // namespace tind

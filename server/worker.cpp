@@ -202,6 +202,7 @@ void Worker::tick() {
   next_tick_ += (n_missed + 1) * kStep;
   now_ += n_missed + 1;
   refresh_date();
+  state_.set_time(static_cast<std::int64_t>(now_ / kTicksPerSecond));
   state_.begin_batch();  // an idle thread lets go of what was swapped out, too
   timers_.advance(now_, [&](TimerEntry& entry) { static_cast<Session&>(entry).on_timer(now_); });
   if (!accepting_ && !draining_) {
@@ -218,6 +219,11 @@ void Worker::refresh_date() {
 }
 
 void Worker::drain() { waker_->wake(); }
+
+void Worker::stop() {
+  ended_ = true;
+  waker_->wake();
+}
 
 void Worker::begin_drain() {
   if (draining_) return;

@@ -19,7 +19,8 @@
 
 namespace tind {
 
-/// One thread's event loop (epoll), listening sockets and connections. Everything but drain() belongs to that thread.
+/// One thread's event loop (epoll), listening sockets and connections. What does not say otherwise belongs to that
+/// thread.
 class Worker {
  public:
   /// The references must outlive the worker.
@@ -38,6 +39,10 @@ class Worker {
   void run();
   /// Stops accepting, lets answers under way finish for settings.drain_timeout_s, then ends run(). Any thread.
   void drain();
+  /// Ends run() soon, whatever is under way. Any thread.
+  void stop();
+  /// Whether run() has returned or is about to. Any thread.
+  bool ended() const { return ended_; }
 
   // For sessions.
   const Settings& settings() const { return settings_; }
@@ -90,7 +95,8 @@ class Worker {
   std::vector<std::unique_ptr<Session>> retired_;  // until no event of this round can name them
   std::vector<Session*> later_;
   bool accepting_ = true;  // false for a while after accept() failed
-  bool draining_ = false, ended_ = false;
+  bool draining_ = false;
+  std::atomic<bool> ended_ = false;
   Tick drain_deadline_ = 0;
   std::vector<char> input_;
   FieldScratch field_scratch_;

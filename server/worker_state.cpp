@@ -3,6 +3,8 @@
 
 #include <fmt/format.h>
 
+#include <unordered_set>
+
 #include "storage/value_hash.hpp"
 
 namespace tind {
@@ -20,11 +22,30 @@ std::uint64_t hash_of(const std::array<ByteView, 9>& values) {
 void WorkerState::begin_batch() {
   if (site_ && version_ == holder_.version()) return;
   version_ = holder_.version();  // read first: a swap in between is seen by the next batch
+  std::erase_if(named_, [&](const auto& entry) { return entry.second.slot->if_open() != entry.second.served; });
+  const auto before = std::move(site_);  // holds the names of named_ until it is sorted out
   site_ = holder_.current();
-  std::erase_if(open_, [&](const auto& entry) {
-    const ServedDataset* now = site_->find(entry.second.dataset->name);
-    return !now || now->dataset != entry.second.dataset;
-  });
+  std::erase_if(named_, [&](const auto& entry) { return site_->find(entry.first) != entry.second.slot; });
+  std::unordered_set<const Dataset*> wanted;
+  for (const auto& [name, named] : named_) {
+    for (const ServedDataset* served = named.served.get(); served; served = served->base.get()) {
+      wanted.insert(served->dataset.get());
+    }
+  }
+  std::erase_if(open_, [&](const auto& entry) { return !wanted.contains(entry.first); });
+}
+
+Result<const ServedDataset*> WorkerState::dataset(std::string_view name) {
+  auto found = named_.find(name);
+  if (found == named_.end()) {
+    DatasetSlot* slot = site_->find(name);
+    if (!slot) return nullptr;
+    auto served = slot->open();
+    if (!served) return tl::unexpected(served.error());
+    found = named_.emplace(slot->source().name, NamedDataset{slot, std::move(*served)}).first;
+  }
+  found->second.slot->touch(now_s_);
+  return found->second.served.get();
 }
 
 Result<const TileStore::Snapshot*> WorkerState::snapshot(const std::shared_ptr<const Dataset>& dataset) {

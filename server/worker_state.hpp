@@ -2,8 +2,10 @@
 #pragma once
 
 #include <array>
+#include <cstdint>
 #include <memory>
 #include <string>
+#include <string_view>
 #include <unordered_map>
 #include <vector>
 
@@ -34,10 +36,16 @@ class WorkerState {
   /// view into a dataset is in use: before a batch of requests, and now and then by an idle thread. One look at an
   /// atomic integer when nothing changed.
   void begin_batch();
+  /// Tells the time in seconds of any clock that goes forward, now and then: what was asked for longest ago is closed
+  /// first.
+  void set_time(std::int64_t now_s) { now_s_ = now_s; }
   const Site& site() const { return *site_; }
-  /// The thread's transaction on a dataset of site(). The pointer is good until the next begin_batch().
+  /// The dataset of that name, opened when it is not yet; nullptr: the site has none. Fails as its file does. The
+  /// pointer is good until the next begin_batch().
+  Result<const ServedDataset*> dataset(std::string_view name);
+  /// The thread's transaction on a dataset that dataset() gave, or on a base of it. Good until the next begin_batch().
   Result<const TileStore::Snapshot*> snapshot(const std::shared_ptr<const Dataset>& dataset);
-  /// A tile of a dataset of site(). nullptr: not stored. kCorrupt: a piece is missing. The pointer is good until the
+  /// A tile of such a dataset. nullptr: not stored. kCorrupt: a piece is missing. The pointer is good until the
   /// next call, the views in it until the next begin_batch().
   Result<const ResolvedTile*> resolve(const std::shared_ptr<const Dataset>& dataset, const TileKey& key);
 
@@ -54,6 +62,10 @@ class WorkerState {
     std::shared_ptr<const Dataset> dataset;
     TileStore::Snapshot snapshot;  // ends before the store that it reads
   };
+  struct NamedDataset {
+    DatasetSlot* slot;
+    std::shared_ptr<const ServedDataset> served;
+  };
   template <class T>
   struct Remembered {
     std::string text;
@@ -63,6 +75,8 @@ class WorkerState {
   const SiteHolder& holder_;
   std::uint64_t version_ = 0;
   std::shared_ptr<const Site> site_;
+  std::int64_t now_s_ = 0;
+  std::unordered_map<std::string_view, NamedDataset> named_;  // names are the slots'
   std::unordered_map<const Dataset*, OpenDataset> open_;
   std::vector<ResolvedTile> table_;  // by hash of dataset and key; the newcomer wins
   Remembered<Coding> coding_;

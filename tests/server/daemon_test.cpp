@@ -133,7 +133,7 @@ TEST_F(DaemonTest, FailuresAreOneLineWithTheirExitStatus) {
       {directory_.path + "/none.tind", 1, "none.tind"},
       {directory_.path + "/text.tind", 1, "text.tind"},
       {directory_.path + "/empty.tind", 1, "empty.tind"},
-      {directory_.path, 1, directory_.path},
+      {directory_.path + "/none", 1, "/none: no such file"},
       {world_ + " " + world_, 1, "twice"},
       {world_ + " --listen nonsense", 1, "HOST:PORT"},
       {world_ + " --listen 127.0.0.1:99999", 1, "HOST:PORT"},

@@ -8,6 +8,7 @@
 #include <filesystem>
 #include <nlohmann/json.hpp>
 
+#include "server/catalog.hpp"
 #include "storage/piece_blob.hpp"
 #include "storage/zstd_codec.hpp"
 #include "test_site.hpp"
@@ -56,12 +57,12 @@ class HandlerTest : public testing::Test {
     Settings settings;
     settings.datasets = {directory_.path + "/world.tind"};
     settings.cesium = test::write_cesium(directory_.path);
-    auto site = make_site(settings);
-    ASSERT_TRUE(site.has_value()) << site.error().message;
-    holder_ = std::make_unique<SiteHolder>(std::make_shared<const Site>(std::move(*site)));
-    state_ = std::make_unique<WorkerState>(*holder_);
+    auto catalog = Catalog::open(settings);
+    ASSERT_TRUE(catalog.has_value()) << catalog.error().message;
+    catalog_ = std::move(*catalog);
+    state_ = std::make_unique<WorkerState>(catalog_->holder());
   }
-  const Dataset& dataset() const { return *state_->site().datasets[0].dataset; }
+  const Dataset& dataset() const { return *state_->site().slots.front()->if_open()->dataset; }
   Response get(const std::string& target, std::optional<std::string> encoding = std::nullopt,
                std::optional<std::string> if_none_match = std::nullopt,
                std::optional<std::string> accept = std::nullopt, const std::string& method = "GET") {
@@ -80,7 +81,7 @@ class HandlerTest : public testing::Test {
     return response;
   }
   test::TemporaryDirectory directory_;
-  std::unique_ptr<SiteHolder> holder_;
+  std::unique_ptr<Catalog> catalog_;
   std::unique_ptr<WorkerState> state_;
   Handler handler_{Settings{}};
 };
@@ -318,9 +319,9 @@ TEST_F(HandlerTest, PagesEscapeAndAskNoOtherHost) {
 TEST_F(HandlerTest, WithoutCesiumThePageSaysSo) {
   Settings settings;
   settings.datasets = {directory_.path + "/world.tind"};
-  auto site = make_site(settings);
-  ASSERT_TRUE(site.has_value());
-  holder_->replace(std::make_shared<const Site>(std::move(*site)));
+  auto catalog = Catalog::open(settings);
+  ASSERT_TRUE(catalog.has_value());
+  catalog_->holder().replace((*catalog)->holder().current());
   state_->begin_batch();
   EXPECT_THAT(text_of(get("/world/")), HasSubstr("CesiumJS is not installed"));
   EXPECT_THAT(text_of(get("/")), HasSubstr("--cesium"));
@@ -334,16 +335,16 @@ TEST_F(HandlerTest, SiteRefusesTwinsReservedNamesAndMissingFiles) {
   fs::copy_file(directory_.path + "/world.tind", directory_.path + "/health.tind");
   Settings settings;
   settings.datasets = {directory_.path + "/world.tind", directory_.path + "/other/world.tind"};
-  EXPECT_THAT(make_site(settings).error().message, HasSubstr("twice"));
+  EXPECT_THAT(Catalog::open(settings).error().message, HasSubstr("twice"));
   settings.datasets = {directory_.path + "/health.tind"};
-  EXPECT_EQ(make_site(settings).error().kind, ErrorKind::kInvalidInput);
+  EXPECT_EQ(Catalog::open(settings).error().kind, ErrorKind::kInvalidInput);
   settings.datasets = {directory_.path + "/missing.tind"};
-  EXPECT_EQ(make_site(settings).error().kind, ErrorKind::kNotFound);
+  EXPECT_THAT(Catalog::open(settings).error().message, HasSubstr("missing.tind: no such file"));
   settings.datasets = {directory_.path + "/secret.txt"};
-  EXPECT_FALSE(make_site(settings).has_value());
+  EXPECT_FALSE(Catalog::open(settings).has_value());
   settings.datasets = {directory_.path + "/world.tind"};
   settings.cesium = directory_.path;
-  EXPECT_THAT(make_site(settings).error().message, HasSubstr("Cesium.js"));
+  EXPECT_THAT(Catalog::open(settings).error().message, HasSubstr("Cesium.js"));
 }
 
 }  // namespace

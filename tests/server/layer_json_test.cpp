@@ -56,7 +56,7 @@ TEST(LayerJson, HasEveryFieldThatAClientNeeds) {
     info.rows = {{0, 0, 1, TileCoverage::kReal}};
     manifest.levels.push_back(info);
   }
-  const auto layer = nlohmann::json::parse(make_layer_json(manifest, "n", "abc"));
+  const auto layer = nlohmann::json::parse(make_layer_json(manifest, {"n", "abc", rows_of(manifest), ""}));
   EXPECT_EQ(layer.at("format"), "quantized-mesh-1.0");
   EXPECT_EQ(layer.at("scheme"), "tms");
   EXPECT_EQ(layer.at("projection"), "EPSG:4326");
@@ -71,6 +71,9 @@ TEST(LayerJson, HasEveryFieldThatAClientNeeds) {
   EXPECT_EQ(layer.at("heights"), "ellipsoidal");
   EXPECT_EQ(layer.at("vertical_datum"), "WGS 84");
   EXPECT_FALSE(layer.contains("metadataAvailability"));
+  EXPECT_FALSE(layer.contains("parentUrl"));
+  const auto child = nlohmann::json::parse(make_layer_json(manifest, {"n", "abc", rows_of(manifest), "the base"}));
+  EXPECT_EQ(child.at("parentUrl"), "../the%20base/");
   ASSERT_EQ(layer.at("available").size(), 3u);
   EXPECT_EQ(layer.at("available")[1], nlohmann::json::parse(R"([{"startX":0,"startY":0,"endX":1,"endY":0}])"));
 }

@@ -8,6 +8,7 @@
 #include <thread>
 
 #include "raw_client.hpp"
+#include "server/catalog.hpp"
 #include "server/worker.hpp"
 #include "test_site.hpp"
 
@@ -26,12 +27,12 @@ class SessionTest : public testing::Test {
     test::write_pyramid(directory_.path + "/world.tind", n_side);
     settings_ = settings;
     settings_.datasets = {directory_.path + "/world.tind"};
-    auto site = make_site(settings_);
-    ASSERT_TRUE(site.has_value()) << site.error().message;
-    site_ = std::make_unique<SiteHolder>(std::make_shared<const Site>(std::move(*site)));
+    auto catalog = Catalog::open(settings_);
+    ASSERT_TRUE(catalog.has_value()) << catalog.error().message;
+    catalog_ = std::move(*catalog);
     handler_ = std::make_unique<Handler>(settings_);
     connections_ = std::make_unique<ConnectionTable>(settings_.max_connections, settings_.max_connections_per_address);
-    worker_ = std::make_unique<Worker>(settings_, *handler_, *site_, *connections_);
+    worker_ = std::make_unique<Worker>(settings_, *handler_, catalog_->holder(), *connections_);
     const auto bound = worker_->listen(resolve_address("127.0.0.1:0").value());
     ASSERT_TRUE(bound.has_value()) << bound.error().message;
     port_ = worker_->port();
@@ -53,7 +54,7 @@ class SessionTest : public testing::Test {
 
   test::TemporaryDirectory directory_;
   Settings settings_;
-  std::unique_ptr<SiteHolder> site_;
+  std::unique_ptr<Catalog> catalog_;
   std::unique_ptr<ConnectionTable> connections_;
   std::unique_ptr<Handler> handler_;
   std::unique_ptr<Worker> worker_;

@@ -93,6 +93,7 @@ void write_pyramid(const std::string& path, std::uint32_t n_side) {
       ASSERT_TRUE(appended.has_value()) << appended.error().message;
     }
   }
+  manifest.content_hash = writer->content_hash();
   const std::string json = encode_manifest(manifest);
   const auto finished = writer->finish(pack_value(Bytes(json.begin(), json.end())));
   ASSERT_TRUE(finished.has_value()) << finished.error().message;
