@@ -8,10 +8,13 @@ find_package(fmt 9 REQUIRED)
 find_package(CLI11 2 REQUIRED)
 find_package(Boost 1.74 REQUIRED)  # headers only: Asio, Beast
 find_package(ZLIB REQUIRED)
-find_package(OpenSSL REQUIRED COMPONENTS Crypto)  # SHA-256 of the sources
 pkg_check_modules(LMDB REQUIRED IMPORTED_TARGET lmdb)
 pkg_check_modules(ZSTD REQUIRED IMPORTED_TARGET libzstd)
 pkg_check_modules(XXHASH REQUIRED IMPORTED_TARGET libxxhash)
+if(NOT TIND_TOOLS)
+  return()
+endif()
+find_package(OpenSSL REQUIRED COMPONENTS Crypto)  # SHA-256 of the sources
 pkg_check_modules(GDAL REQUIRED IMPORTED_TARGET gdal)
 pkg_check_modules(PROJ REQUIRED IMPORTED_TARGET proj)
 find_package(GEOS 3.9 CONFIG REQUIRED)  # GDAL brings it in

@@ -16,6 +16,10 @@ if(TIND_SANITIZE)
   target_link_options(tind_sanitizers INTERFACE -fsanitize=${TIND_SANITIZE})
 endif()
 
+# Addresses of library functions are found before main() and are constant from then on.
+add_library(tind_hardening INTERFACE)
+target_link_options(tind_hardening INTERFACE LINKER:-z,relro,-z,now)
+
 # tind_library(NAME SOURCES... ): a static library with the project's language, warnings and sanitizers.
 function(tind_library name)
   add_library(${name} STATIC ${ARGN})
@@ -25,5 +29,5 @@ endfunction()
 # tind_program(NAME SOURCES...): the same for an executable.
 function(tind_program name)
   add_executable(${name} ${ARGN})
-  target_link_libraries(${name} PRIVATE tind_language tind_sanitizers tind_warnings)
+  target_link_libraries(${name} PRIVATE tind_language tind_sanitizers tind_warnings tind_hardening)
 endfunction()
