@@ -25,6 +25,7 @@ Condition evaluate_conditions(const Request& request, const Validators& validato
 /// The bytes [first, first + length) of a representation.
 struct ByteRange {
   std::uint64_t first = 0, length = 0;
+  friend bool operator==(const ByteRange&, const ByteRange&) = default;
 };
 
 /// What to send of `total` bytes by Range and If-Range (RFC 9110, 13.1.5 and 14.2). nullopt: all of them; so for more

@@ -165,9 +165,9 @@ std::optional<std::size_t> list_page(std::string_view query, std::size_t n_pages
 
 void send(Response& out, std::string_view cache_control, const std::shared_ptr<const CachedResponse>& cached) {
   out.reset();
-  out.fields.append(cached->content_fields).append(cached->validators).append(cache_control);
-  out.content_length = cached->body.bytes.size();
-  out.add(cached->body.bytes);
+  out.fields.append(cached->fields()).append(cache_control);
+  out.content_length = cached->body().size();
+  out.add(cached->body());
   out.keep(cached);
 }
 
@@ -186,16 +186,15 @@ void Handler::coded(Context& context, const CacheKey& key, const Representation&
   if (!cached) {
     Result<Bytes> bytes = make();
     if (!bytes) return context.internal_error(bytes.error());
-    auto made = std::make_shared<CachedResponse>();
-    made->etag = representation.etag;
-    representation.append_validators(made->validators);
-    made->body = apply_coding(std::move(*bytes), context.wanted);
-    representation.append_content(made->content_fields, made->body.coding);
-    cached = std::move(made);
+    const Coded body = apply_coding(std::move(*bytes), context.wanted);
+    std::string content_fields, validator_fields;
+    representation.append_content(content_fields, body.coding);
+    representation.append_validators(validator_fields);
+    cached = std::make_shared<const CachedResponse>(content_fields, validator_fields, representation.etag, body);
     cache_.put(key, cached);
   }
   send(context.out, context.cache_control, cached);
-  if (cached->body.coding == Coding::kIdentity) context.apply_range(representation.validators());
+  if (cached->coding() == Coding::kIdentity) context.apply_range(representation.validators());
 }
 
 void Handler::document(Context& context, const Document& document) {
@@ -245,10 +244,10 @@ void Handler::encoded(Context& context, const ServedDataset& served, const TileK
   context.set_version();
   const CacheKey cached_as = cache_key(dataset.id, static_cast<Kind>(format), context.wanted, key);
   if (const auto cached = cache_.find(cached_as)) {
-    const Validators validators{cached->etag, dataset.modified_s};
-    if (context.is_answered_by(validators, [&](std::string& fields) { fields += cached->validators; })) return;
+    const Validators validators{cached->etag(), dataset.modified_s};
+    if (context.is_answered_by(validators, [&](std::string& fields) { fields += cached->validator_fields(); })) return;
     send(context.out, context.cache_control, cached);
-    if (cached->body.coding == Coding::kIdentity) context.apply_range(validators);
+    if (cached->coding() == Coding::kIdentity) context.apply_range(validators);
     return;
   }
   const auto resolved = context.worker.resolve(served.dataset, key);

@@ -1,19 +1,32 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "server/response_cache.hpp"
 
+#include <algorithm>
+#include <cassert>
 #include <utility>
 
 namespace tind {
 namespace {
 
-constexpr std::size_t kEntryOverheadBytes = 320;  // list and hash nodes, the value's own objects and their heap blocks
+constexpr std::size_t kEntryOverheadBytes = 256;  // hash node and bucket, the value's own object and block
 
-std::size_t cost(const CachedResponse& value) {
-  return value.body.bytes.size() + value.etag.size() + value.validators.size() + value.content_fields.size() +
-         kEntryOverheadBytes;
-}
+std::size_t cost(const CachedResponse& value) { return value.n_bytes() + kEntryOverheadBytes; }
 
 }  // namespace
+
+CachedResponse::CachedResponse(std::string_view content_fields, std::string_view validator_fields,
+                               std::string_view etag, const Coded& body)
+    : n_content_(static_cast<std::uint32_t>(content_fields.size())),
+      n_fields_(static_cast<std::uint32_t>(content_fields.size() + validator_fields.size())),
+      etag_at_(n_content_ + static_cast<std::uint32_t>(std::min(validator_fields.find(etag), validator_fields.size()))),
+      n_etag_(static_cast<std::uint32_t>(etag.size())),
+      coding_(body.coding) {
+  assert(validator_fields.find(etag) != validator_fields.npos);
+  bytes_.reserve(n_fields_ + body.bytes.size());
+  bytes_.insert(bytes_.end(), content_fields.begin(), content_fields.end());
+  bytes_.insert(bytes_.end(), validator_fields.begin(), validator_fields.end());
+  bytes_.insert(bytes_.end(), body.bytes.begin(), body.bytes.end());
+}
 
 std::size_t ResponseCache::KeyHash::operator()(const CacheKey& key) const {
   // Multiplies by odd constants and folds the well mixed upper bits down.
@@ -22,18 +35,31 @@ std::size_t ResponseCache::KeyHash::operator()(const CacheKey& key) const {
   return static_cast<std::size_t>(h ^ (h >> 32));
 }
 
+void ResponseCache::Shard::unlink(Entry& entry) {
+  entry.before->after = entry.after;
+  entry.after->before = entry.before;
+}
+
+void ResponseCache::Shard::put_first(Entry& entry) {
+  entry.moved_at = n_puts;
+  entry.before = &order;
+  entry.after = order.after;
+  order.after->before = &entry;
+  order.after = &entry;
+}
+
 std::shared_ptr<const CachedResponse> ResponseCache::find(const CacheKey& key) {
   Shard& shard = shard_of(key);
   const std::lock_guard lock(shard.mutex);
   const auto found = shard.index.find(key);
   if (found == shard.index.end()) return nullptr;
   // Moving an entry touches its neighbours, so it is done only after many others came in before it.
-  const auto entry = found->second;
-  if (shard.n_puts - entry->moved_at > shard.index.size() / 8) {
-    entry->moved_at = shard.n_puts;
-    shard.entries.splice(shard.entries.begin(), shard.entries, entry);
+  Entry& entry = found->second;
+  if (shard.n_puts - entry.moved_at > shard.index.size() / 8) {
+    shard.unlink(entry);
+    shard.put_first(entry);
   }
-  return entry->value;
+  return entry.value;
 }
 
 void ResponseCache::put(const CacheKey& key, std::shared_ptr<const CachedResponse> value) {
@@ -41,15 +67,19 @@ void ResponseCache::put(const CacheKey& key, std::shared_ptr<const CachedRespons
   if (bytes > shard_capacity_) return;
   Shard& shard = shard_of(key);
   const std::lock_guard lock(shard.mutex);
-  if (shard.index.contains(key)) return;  // another thread was faster, with the same bytes
-  shard.entries.push_front({key, std::move(value), ++shard.n_puts});
-  shard.index.emplace(key, shard.entries.begin());
+  const auto [place, is_new] = shard.index.try_emplace(key);
+  if (!is_new) return;  // another thread was faster, with the same bytes
+  Entry& entry = place->second;
+  entry.value = std::move(value);
+  entry.key = key;
+  ++shard.n_puts;
+  shard.put_first(entry);
   shard.bytes += bytes;
   while (shard.bytes > shard_capacity_) {
-    const Entry& last = shard.entries.back();
+    Entry& last = *shard.order.before;
     shard.bytes -= cost(*last.value);
-    shard.index.erase(last.key);
-    shard.entries.pop_back();
+    shard.unlink(last);
+    shard.index.erase(CacheKey(last.key));
   }
 }
 

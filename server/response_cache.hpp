@@ -4,10 +4,9 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
-#include <list>
 #include <memory>
 #include <mutex>
-#include <string>
+#include <string_view>
 #include <unordered_map>
 
 #include "server/content_coding.hpp"
@@ -22,12 +21,28 @@ struct CacheKey {
   friend bool operator==(const CacheKey&, const CacheKey&) = default;
 };
 
-/// A finished answer: everything of it that does not depend on who asks.
-struct CachedResponse {
-  std::string etag;            ///< With its quotes.
-  std::string validators;      ///< Header lines that a 304 has, too.
-  std::string content_fields;  ///< Header lines of a 200 only.
-  Coded body;
+/// A finished answer: everything of it that does not depend on who asks, in one piece of memory.
+class CachedResponse {
+ public:
+  /// `content_fields`: header lines of a 200 only; `validator_fields`: those that a 304 has, too, with `etag` in them.
+  CachedResponse(std::string_view content_fields, std::string_view validator_fields, std::string_view etag,
+                 const Coded& body);
+
+  std::string_view fields() const { return text(0, n_fields_); }
+  std::string_view validator_fields() const { return text(n_content_, n_fields_ - n_content_); }
+  std::string_view etag() const { return text(etag_at_, n_etag_); }
+  ByteView body() const { return ByteView(bytes_).subspan(n_fields_); }
+  Coding coding() const { return coding_; }
+  std::size_t n_bytes() const { return bytes_.size(); }
+
+ private:
+  std::string_view text(std::size_t at, std::size_t n) const {
+    return {reinterpret_cast<const char*>(bytes_.data()) + at, n};
+  }
+
+  std::uint32_t n_content_, n_fields_, etag_at_, n_etag_;
+  Coding coding_;
+  Bytes bytes_;  // content fields, validator fields, body
 };
 
 /// Finished answers, bounded in bytes; what was not used for long goes first. Sharded by key, so that threads seldom
@@ -55,16 +70,21 @@ class ResponseCache {
     std::size_t operator()(const CacheKey& key) const;
   };
   struct Entry {
-    CacheKey key;
     std::shared_ptr<const CachedResponse> value;
     std::uint64_t moved_at = 0;  // Shard::n_puts when it was put in front
+    CacheKey key;
+    Entry* before = nullptr;  // neighbours in the order of use
+    Entry* after = nullptr;
   };
   struct Shard {
     mutable std::mutex mutex;
-    std::list<Entry> entries;  // roughly the most recently used first
-    std::unordered_map<CacheKey, std::list<Entry>::iterator, KeyHash> index;
+    std::unordered_map<CacheKey, Entry, KeyHash> index;
+    Entry order;  // between its last and its first: roughly the most recently used first
     std::size_t bytes = 0;
     std::uint64_t n_puts = 0;
+    Shard() { order.before = order.after = &order; }
+    void unlink(Entry& entry);
+    void put_first(Entry& entry);
   };
   Shard& shard_of(const CacheKey& key) { return shards_[KeyHash{}(key) >> 8 & (kShards - 1)]; }
 

@@ -137,9 +137,9 @@ void Worker::run() {
           ->on_events(events[static_cast<std::size_t>(k)].events);
     }
     if (Clock::now() >= next_tick_) tick();
-    std::vector<Session*> now;
-    now.swap(later_);
-    for (Session* session : now) session->resume();
+    resumed_.swap(later_);
+    for (Session* session : resumed_) session->resume();
+    resumed_.clear();
     retired_.clear();
     if (draining_ && (sessions_.empty() || now_ >= drain_deadline_)) ended_ = true;
   }

@@ -93,7 +93,7 @@ class Worker {
   TimerWheel timers_{0};
   std::vector<std::unique_ptr<Session>> sessions_;
   std::vector<std::unique_ptr<Session>> retired_;  // until no event of this round can name them
-  std::vector<Session*> later_;
+  std::vector<Session*> later_, resumed_;
   bool accepting_ = true;  // false for a while after accept() failed
   bool draining_ = false;
   std::atomic<bool> ended_ = false;

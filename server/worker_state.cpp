@@ -57,10 +57,18 @@ Result<const TileStore::Snapshot*> WorkerState::snapshot(const std::shared_ptr<c
 }
 
 Result<const ResolvedTile*> WorkerState::resolve(const std::shared_ptr<const Dataset>& dataset, const TileKey& key) {
-  if (table_.empty()) table_.resize(kTableSize);
-  const std::size_t mixed = std::hash<TileKey>{}(key)*0x9e3779b97f4a7c15u + dataset->id;
-  ResolvedTile& slot = table_[(mixed ^ (mixed >> 32)) & (kTableSize - 1)];
-  if (slot.dataset_id == dataset->id && slot.key == key) return &slot;
+  const std::uint64_t product = std::hash<TileKey>{}(key)*0x9e3779b97f4a7c15u + dataset->id;
+  const std::size_t mixed = product ^ (product >> 32);
+  auto& chunk = table_[mixed % kChunks];
+  if (!chunk) chunk = std::make_unique<std::array<TileSet, kSetsPerChunk>>();
+  TileSet& set = (*chunk)[mixed / kChunks % kSetsPerChunk];
+  for (const ResolvedTile& tile : set.tiles) {
+    if (tile.dataset_id != dataset->id || tile.key != key) continue;
+    // The values lie apart in a map that may be out of the processor's caches: all are fetched at once.
+    for (const ByteView value : tile.values) __builtin_prefetch(value.data());
+    return &tile;
+  }
+  ResolvedTile& slot = set.tiles[set.next_out++ % kSetSize];
   const auto opened = snapshot(dataset);
   if (!opened) return tl::unexpected(opened.error());
   slot.dataset_id = 0;

@@ -7,7 +7,6 @@
 #include <string>
 #include <string_view>
 #include <unordered_map>
-#include <vector>
 
 #include "core/result.hpp"
 #include "server/negotiation.hpp"
@@ -56,7 +55,12 @@ class WorkerState {
   std::string target_scratch;  ///< For parse_target.
 
  private:
-  static constexpr std::size_t kTableSize = std::size_t{1} << 14;  // about 3 MB
+  // Places for tiles, in sets of a few that one address may go to; made when they are first wanted.
+  static constexpr std::size_t kSetSize = 4, kSetsPerChunk = 128, kChunks = 64;  // 32,768 tiles, 6 MB
+  struct TileSet {
+    std::array<ResolvedTile, kSetSize> tiles;
+    std::size_t next_out = 0;
+  };
 
   struct OpenDataset {
     std::shared_ptr<const Dataset> dataset;
@@ -78,7 +82,7 @@ class WorkerState {
   std::int64_t now_s_ = 0;
   std::unordered_map<std::string_view, NamedDataset> named_;  // names are the slots'
   std::unordered_map<const Dataset*, OpenDataset> open_;
-  std::vector<ResolvedTile> table_;  // by hash of dataset and key; the newcomer wins
+  std::array<std::unique_ptr<std::array<TileSet, kSetsPerChunk>>, kChunks> table_;  // by hash of dataset and key
   Remembered<Coding> coding_;
   Remembered<bool> normals_;
 };

@@ -47,6 +47,8 @@ bool RawClient::send(const std::string& bytes) {
   return true;
 }
 
+void RawClient::finish_sending() { ::shutdown(fd_, SHUT_WR); }
+
 bool RawClient::fill(int milliseconds) {
   pollfd wait{fd_, POLLIN, 0};
   if (::poll(&wait, 1, milliseconds) <= 0) return false;

@@ -24,6 +24,8 @@ class RawClient {
   RawClient& operator=(const RawClient&) = delete;
 
   bool send(const std::string& bytes);
+  /// Says that no more comes; answers can still be received.
+  void finish_sending();
   /// The next answer; status 0 when the connection ended or nothing came for five seconds. `has_body`: false after
   /// HEAD.
   RawAnswer receive(bool has_body = true);

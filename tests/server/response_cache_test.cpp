@@ -11,11 +11,19 @@ namespace tind {
 namespace {
 
 std::shared_ptr<const CachedResponse> value(std::size_t n) {
-  auto made = std::make_shared<CachedResponse>();
-  made->body.bytes = Bytes(n, 7);
-  return made;
+  return std::make_shared<const CachedResponse>("Content-Type: t\r\n", "ETag: \"e\"\r\n", "\"e\"",
+                                                Coded{Bytes(n, 7), Coding::kGzip});
 }
 CacheKey key(std::uint64_t k) { return {1, k, 0}; }
+
+TEST(ResponseCache, AnAnswerKeepsItsParts) {
+  const auto made = value(3);
+  EXPECT_EQ(made->fields(), "Content-Type: t\r\nETag: \"e\"\r\n");
+  EXPECT_EQ(made->validator_fields(), "ETag: \"e\"\r\n");
+  EXPECT_EQ(made->etag(), "\"e\"");
+  EXPECT_EQ(made->coding(), Coding::kGzip);
+  EXPECT_EQ(Bytes(made->body().begin(), made->body().end()), Bytes(3, 7));
+}
 
 TEST(ResponseCache, ForgetsTheLeastRecentlyUsedAndStaysInBounds) {
   constexpr std::size_t kCapacity = 160000;
@@ -50,7 +58,7 @@ TEST(ResponseCache, TellsKeysApart) {
   for (std::size_t k = 0; k < keys.size(); ++k) {
     const auto found = cache.find(keys[k]);
     ASSERT_NE(found, nullptr);
-    EXPECT_EQ(found->body.bytes.size(), k);
+    EXPECT_EQ(found->body().size(), k);
   }
 }
 
@@ -79,7 +87,7 @@ TEST(ResponseCache, IsThreadSafe) {
       for (int k = 0; k < 5000; ++k) {
         const CacheKey wanted = key(static_cast<std::uint64_t>((k * 7 + t) % 300));
         if (const auto found = cache.find(wanted)) {
-          EXPECT_EQ(found->body.bytes.size(), 500u);
+          EXPECT_EQ(found->body().size(), 500u);
         } else {
           cache.put(wanted, value(500));
         }

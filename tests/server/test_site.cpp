@@ -32,13 +32,13 @@ EdgeChain make_edge(const Lattice& lattice, const PieceKey& key, std::uint32_t n
   return edge;
 }
 
-TileBody make_body(const Lattice& lattice, const PieceKey& key, std::uint32_t n_side) {
+TileBody make_body(const Lattice& lattice, const PieceKey& key, std::uint32_t n_side, bool changed) {
   const std::int64_t side = lattice.tile_side(key.level);
   TileBody body;
   body.stats.coverage = TileCoverage::kReal;
   body.stats.max_z = 5000;
   body.n_side = {n_side, n_side, n_side, n_side};
-  body.interior = {{side / 2, side / 2, height_at(key.i * side, key.j * side)}};
+  body.interior = {{side / 2, side / 2, height_at(key.i * side, key.j * side) + (changed ? 777 : 0)}};
   const std::uint32_t n_ring = body.ring_size();
   for (std::uint32_t k = 0; k + 1 < n_ring; ++k) body.triangles.push_back({k, k + 1, n_ring});
   body.triangles.insert(body.triangles.begin() + 1, {0, n_ring, n_ring - 1});
@@ -53,7 +53,7 @@ TemporaryDirectory::TemporaryDirectory() {
 }
 TemporaryDirectory::~TemporaryDirectory() { std::filesystem::remove_all(path); }
 
-void write_pyramid(const std::string& path, std::uint32_t n_side) {
+void write_pyramid(const std::string& path, std::uint32_t n_side, std::optional<TileKey> changed) {
   Manifest manifest;
   manifest.generator = "test";
   manifest.attribution = "A & B";
@@ -80,10 +80,11 @@ void write_pyramid(const std::string& path, std::uint32_t n_side) {
         ++info.n_real;
         for (const PieceKey& key : pieces_of({level, x, y})) {
           const PieceKey canonical = key.canonical();
-          pieces[canonical] = key.kind == PieceKind::kCorner ? encode_corner({height_at(0, key.j)})
-                              : key.kind == PieceKind::kBody
-                                  ? encode_body(make_body(manifest.lattice, key, n_side))
-                                  : encode_edge(make_edge(manifest.lattice, canonical, n_side));
+          pieces[canonical] =
+              key.kind == PieceKind::kCorner ? encode_corner({height_at(0, key.j)})
+              : key.kind == PieceKind::kBody
+                  ? encode_body(make_body(manifest.lattice, key, n_side, changed == TileKey{level, x, y}))
+                  : encode_edge(make_edge(manifest.lattice, canonical, n_side));
         }
       }
     }

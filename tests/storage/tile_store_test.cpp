@@ -80,6 +80,46 @@ TEST_F(TileStoreTest, GivesBackEveryPieceUnderEveryName) {
   EXPECT_EQ(snapshot->find_manifest()->size(), 2u);
 }
 
+TEST_F(TileStoreTest, FindsATilesNinePiecesAsOneByOne) {
+  const auto store = TileStore::open(write_store("a.tind"));
+  ASSERT_TRUE(store);
+  const auto snapshot = store->snapshot();
+  ASSERT_TRUE(snapshot);
+  std::array<ByteView, 9> values;
+  for (std::uint32_t y = 0; y < TileKey::count_y(2); ++y) {
+    for (std::uint32_t x = 0; x < TileKey::count_x(2); ++x) {
+      const TileKey tile{2, x, y};
+      ASSERT_TRUE(snapshot->find_tile(tile, values));
+      const auto keys = pieces_of(tile);
+      for (std::size_t k = 0; k < keys.size(); ++k) {
+        const auto alone = snapshot->find(keys[k]);
+        ASSERT_TRUE(alone.has_value());
+        EXPECT_EQ(values[k].data(), alone->data()) << x << " " << y << " " << k;
+        EXPECT_EQ(values[k].size(), alone->size());
+      }
+    }
+  }
+  EXPECT_FALSE(snapshot->find_tile({1, 0, 0}, values));
+  EXPECT_FALSE(snapshot->find_tile({3, 0, 0}, values));
+  EXPECT_FALSE(snapshot->find_tile({2, 8, 0}, values)) << "out of range";
+}
+
+TEST_F(TileStoreTest, APieceThatIsMissingBesideItsBodyIsEmpty) {
+  auto writer = TileStoreWriter::create(path("b.tind"));
+  ASSERT_TRUE(writer);
+  const PieceKey lost = pieces_of({2, 3, 1})[5];
+  for (const auto& [key, value] : pieces()) {
+    if (key == lost) continue;
+    ASSERT_TRUE(writer->append(key, value));
+  }
+  ASSERT_TRUE(writer->finish(Bytes{'{', '}'}));
+  const auto store = TileStore::open(path("b.tind"));
+  const auto snapshot = store->snapshot();
+  std::array<ByteView, 9> values;
+  ASSERT_TRUE(snapshot->find_tile({2, 3, 1}, values));
+  for (std::size_t k = 0; k < values.size(); ++k) EXPECT_EQ(values[k].empty(), k == 5) << k;
+}
+
 TEST_F(TileStoreTest, KeepsKeysInStorageOrderWithTheManifestLast) {
   const std::string file = write_store("a.tind");
   MDB_env* env = nullptr;
