@@ -47,6 +47,16 @@ std::string_view trim(std::string_view text) {
   return text;
 }
 
+// uri-host [":" port] (RFC 9110, 7.2): the port has digits only, and colons before it are an IPv6 address's.
+bool is_host(std::string_view text) {
+  if (!all_are(text, kHost)) return false;
+  const std::size_t bracket = text.rfind(']');
+  const std::string_view after = bracket == text.npos ? text : text.substr(bracket + 1);
+  const std::size_t colon = after.find(':');
+  if (bracket != text.npos && colon != 0 && !after.empty()) return false;
+  return colon == after.npos || after.find_first_not_of("0123456789", colon + 1) == after.npos;
+}
+
 template <class Use>
 void for_each_element(std::string_view list, Use&& use) {
   while (!list.empty()) {
@@ -186,7 +196,7 @@ std::variant<ParsedRequest, int> parse_request(std::string_view block, FieldScra
     }
     if (known->field == RequestField::kHost) {
       ++framing.n_hosts;
-      framing.host_is_plain &= all_are(value, kHost);
+      framing.host_is_plain &= is_host(value);
     }
     auto& field = out.request[known->field];
     if (field) {

@@ -47,6 +47,8 @@ TEST(RequestParser, RefusesWhatAServerMustRefuse) {
       {"no Host", "GET / HTTP/1.1\r\n\r\n", 400},
       {"two Hosts", "GET / HTTP/1.1\r\nHost: a\r\nHost: a\r\n\r\n", 400},
       {"bad Host", "GET / HTTP/1.1\r\nHost: a b\r\n\r\n", 400},
+      {"a port that is none", "GET / HTTP/1.1\r\nHost: a:8x\r\n\r\n", 400},
+      {"a port behind a bracket", "GET / HTTP/1.1\r\nHost: [::1]8\r\n\r\n", 400},
       {"obs-fold", "GET / HTTP/1.1\r\nHost: a\r\nX: b\r\n c\r\n\r\n", 400},
       {"folded Host", "GET / HTTP/1.1\r\nHost:\r\n a\r\n\r\n", 400},
       {"blank before first field", "GET / HTTP/1.1\r\n Host: a\r\n\r\n", 400},
