@@ -103,6 +103,8 @@ Result<nlohmann::json> parse_json(std::string_view text, const std::string& file
     return nlohmann::json::parse(text);
   } catch (const nlohmann::json::parse_error& error) {
     return invalid(fmt::format("{}: not JSON at {}", file_name, place_of(text, error.byte > 0 ? error.byte - 1 : 0)));
+  } catch (const nlohmann::json::out_of_range&) {  // and 1e999 by another one
+    return invalid(file_name + ": a number is too large");
   }
 }
 

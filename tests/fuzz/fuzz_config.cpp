@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
+#include <algorithm>
 #include <map>
 #include <string>
 #include <string_view>
@@ -10,8 +11,9 @@ namespace {
 
 using namespace tind;
 
-// What was accepted is within its limits, and says the same when it is written down and read again.
-void check_settings(const Settings& settings) {
+// What was accepted is within its limits, and says the same when it is written down and read again. Only where all of
+// it is ASCII: a path may have any bytes, and JSON cannot say those that are no UTF-8.
+void check_settings(const Settings& settings, std::string_view input) {
   for (const OptionSpec& option : option_table()) {
     if (const auto* member = std::get_if<int Settings::*>(&option.member)) {
       const int value = settings.**member;
@@ -19,6 +21,7 @@ void check_settings(const Settings& settings) {
     }
   }
   const std::string text = print_settings(settings);
+  if (!std::all_of(input.begin(), input.end(), [](char c) { return c > 0; })) return;
   const auto again = overlay_json(Settings{}, text, "again");
   require(again.has_value(), "what is printed can be read");
   require(*again == settings, "what is printed says the same");
@@ -32,10 +35,11 @@ int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   if (!text.starts_with("e")) {
     const auto read = overlay_json(Settings{}, text, "fuzz.json");
     json_members(text);
-    if (read) check_settings(*read);
+    if (read) check_settings(*read, text);
     if (!read) require(!read.error().message.empty(), "a failure says why");
     return 0;
   }
+  const std::string_view input = text;
   text.remove_prefix(1);
   std::map<std::string, std::string> variables;
   while (!text.empty()) {
@@ -49,6 +53,6 @@ int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
     const auto found = variables.find(name);
     return found == variables.end() ? std::nullopt : std::optional(found->second);
   });
-  if (read) check_settings(*read);
+  if (read) check_settings(*read, input);
   return 0;
 }

@@ -4,6 +4,7 @@
 #include <string>
 #include <variant>
 
+#include "server/catalog.hpp"
 #include "server/handler.hpp"
 #include "server/request_parser.hpp"
 #include "server/write_batch.hpp"
@@ -21,7 +22,7 @@ constexpr std::string_view kCommon = "Server: tind\r\nDate: Thu, 01 Jan 1970 00:
 struct World {
   test::TemporaryDirectory directory;
   Settings settings;
-  std::unique_ptr<SiteHolder> site;
+  std::unique_ptr<Catalog> catalog;
   std::unique_ptr<Handler> handler;
   std::unique_ptr<WorkerState> worker;
 
@@ -31,11 +32,11 @@ struct World {
     settings.datasets = {path};
     settings.cesium = test::write_cesium(directory.path);
     settings.cache_mb = 16;
-    auto made = make_site(settings);
-    require(made.has_value(), "the site opens");
-    site = std::make_unique<SiteHolder>(std::make_shared<const Site>(std::move(*made)));
+    auto opened = Catalog::open(settings);
+    require(opened.has_value(), "the site opens");
+    catalog = std::move(*opened);
     handler = std::make_unique<Handler>(settings);
-    worker = std::make_unique<WorkerState>(*site);
+    worker = std::make_unique<WorkerState>(catalog->holder());
   }
 };
 
