@@ -37,7 +37,8 @@ bool FolderWatch::set(const std::vector<std::string>& directories) {
     }
   }
   for (const auto& [directory, watch] : watches_) {
-    const bool kept = std::any_of(watches.begin(), watches.end(), [&](const auto& w) { return w.second == watch; });
+    const bool kept =
+        std::any_of(watches.begin(), watches.end(), [wanted = watch](const auto& w) { return w.second == wanted; });
     if (!kept) ::inotify_rm_watch(fd_, watch);
   }
   watches_ = std::move(watches);

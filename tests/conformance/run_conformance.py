@@ -134,8 +134,9 @@ def main():
                     scores["nginx", theirs is None] += 1
                     beside = "ok    " if theirs is None else "failed"
                 print(f"{text} nginx {beside} {case.rfc:18} {case.name}" + (f": {wrong}" if wrong else ""), flush=True)
-            if daemon.process.poll() is not None:
-                failures.append((None, "the daemon ended"))
+            status = daemon.stop() if daemon.process.poll() is None else daemon.process.returncode
+            if status != 0:
+                failures.append((None, f"ended with status {status}: " + " / ".join(daemon.lines[-20:])))
             if nginx:
                 nginx.__exit__()
     passed, all_cases = scores["tind", True], len(cases)

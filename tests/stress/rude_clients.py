@@ -109,7 +109,7 @@ def main():
             verdict.require(files_after <= files, f"open files: {files} before, {files_after} after")
             growth = memory[-1] - memory[len(memory) // 2]
             verdict.require(growth < GROWTH_BYTES, f"memory grew by {growth} bytes in the second half; KB: {[each // 1024 for each in memory]}")
-            verdict.require(daemon.process.poll() is None, "the daemon lives")
+            verdict.require_good_end(daemon)
     verdict.done()
 
 

@@ -108,7 +108,7 @@ def main():
         addresses = write_list(work / "list.txt", right)
         arguments = [work / "world.tind", "--request-timeout-s", str(options.deadline)]
         with Daemon(options.programs.tind, arguments) as daemon:
-            others = options.programs, daemon.port, addresses, 16, options.requests
+            others = options.programs, daemon, addresses, 16, options.requests
             Watch(*others).run()  # warms it
             before, meanwhile = Watch(*others).run(), Watch(*others)
             files, cuts = daemon.n_open_files(), []
@@ -124,7 +124,8 @@ def main():
             verdict.require(all(code == "408" for code in codes), f"{codes.count('408')} were told 408")
             verdict.require(before.all_right() and meanwhile.all_right(), f"other clients: {meanwhile.n_answers()} right answers meanwhile")
             verdict.require(meanwhile.p99_us() <= options.slack * before.p99_us(),
-                            f"other clients' p99: {before.p99_us():.0f} us before, {meanwhile.p99_us():.0f} us meanwhile")
+                            f"other clients' p99: {before.p99_us():.0f} us before, {meanwhile.p99_us():.0f} us meanwhile; "
+                            f"processor time an answer: {before.cpu_us():.1f} and {meanwhile.cpu_us():.1f} us")
 
             stop = threading.Event()
             readers, cut = sip(daemon.port, options.readers, stop)
@@ -141,6 +142,7 @@ def main():
                 one.close()
             files_after = settle(daemon.n_open_files, files)
             verdict.require(files_after <= files, f"open files: {files} before, {files_after} after")
+            verdict.require_good_end(daemon)
     verdict.done()
 
 

@@ -20,20 +20,24 @@ from world import GZIP, TARGETS, Daemon, Others, Programs, Verdict, ask, folder,
 
 CONNECTIONS = 64
 CHUNK = 50000
+PROGRESS = 500
 NOTICED_S = 15
 
 
 class Swapper(threading.Thread):
-    """Replaces the dataset, waits until the daemon answers with the new one, and so on."""
+    """Replaces the dataset, waits until the daemon answers with the new one, and so on; a swap each `spacing` answers."""
 
-    def __init__(self, work, port, tags, n_swaps, as_link):
+    def __init__(self, work, port, tags, n_swaps, spacing, as_link):
         super().__init__(daemon=True)
-        self.work, self.port, self.tags, self.n_swaps, self.as_link = work, port, tags, n_swaps, as_link
+        self.work, self.port, self.tags, self.n_swaps, self.spacing, self.as_link = work, port, tags, n_swaps, spacing, as_link
+        self.n_answers = 0  # that the other clients have had
         self.done, self.unnoticed, self.longest_s = 0, 0, 0.0
 
     def run(self):
         names = sorted(self.tags)
         for k in range(self.n_swaps):
+            while self.n_answers < k * self.spacing:
+                time.sleep(0.002)
             version = names[(k + 1) % 2]
             fresh = self.work / "fresh.tind"
             if self.as_link:
@@ -87,12 +91,14 @@ def main():
             else:
                 shutil.copyfile(work / "a.tind", work / "world.tind")
             with Daemon(options.programs.tind, [work / "world.tind"]) as daemon:
-                swapper = Swapper(work, daemon.port, tags, options.swaps // 2, as_link)
+                swapper = Swapper(work, daemon.port, tags, options.swaps // 2, options.requests // options.swaps, as_link)
                 swapper.start()
                 answers = 0
                 while answers < options.requests // 2 or swapper.is_alive():
-                    got = Others(options.programs, daemon.port, addresses, CONNECTIONS, min(CHUNK, options.requests // 2)).figures()
+                    got = Others(options.programs, daemon.port, addresses, CONNECTIONS, min(CHUNK, options.requests // 2), PROGRESS).figures(
+                        lambda n, before=answers: setattr(swapper, "n_answers", before + n))
                     answers += got["answers"]
+                    swapper.n_answers = answers
                     for key in totals:
                         totals[key] += got[key]
                     for version, n in got["versions"].items():
@@ -105,7 +111,7 @@ def main():
                 verdict.say(f"{'links' if as_link else 'files'}: {swapper.done} swaps, seen within {swapper.longest_s:.2f} s, {answers} answers")
                 left = settle(lambda: maps_of(daemon), 1)
                 verdict.require(left == 1, f"{left} file is mapped in the end (at most {most_maps} meanwhile)")
-                verdict.require(daemon.process.poll() is None, "the daemon lives")
+                verdict.require_good_end(daemon)
     verdict.require(totals["answers"] >= options.requests, f"{totals['answers']} answers")
     verdict.require(n_swaps == options.swaps // 2 * 2, f"{n_swaps} swaps that the daemon followed under load")
     verdict.require(totals["broken"] == 0, f"{totals['broken']} failed")

@@ -78,12 +78,15 @@ class Others:
 class Watch:
     """Runs other clients in rounds; the median of the rounds' p99 is what they notice."""
 
-    def __init__(self, programs, port, addresses, connections, requests):
-        self.arguments = programs, port, addresses, connections, max(1, requests // ROUNDS)
-        self.rounds = []
+    def __init__(self, programs, daemon, addresses, connections, requests):
+        self.daemon = daemon
+        self.arguments = programs, daemon.port, addresses, connections, max(1, requests // ROUNDS)
+        self.rounds, self.spent_s = [], 0.0
 
     def round(self):
+        before = self.daemon.cpu_s()
         self.rounds.append(Others(*self.arguments).figures())
+        self.spent_s += self.daemon.cpu_s() - before
 
     def run(self):
         for _ in range(ROUNDS):
@@ -92,6 +95,10 @@ class Watch:
 
     def p99_us(self):
         return statistics.median(one["p99_us"] for one in self.rounds)
+
+    def cpu_us(self):
+        """The daemon's processor time per answer: it tells more than a p99 where other work keeps the machine busy."""
+        return self.spent_s / self.n_answers() * 1e6
 
     def n_answers(self):
         return sum(one["answers"] for one in self.rounds)
@@ -114,6 +121,11 @@ class Verdict:
         print(("ok: " if holds else "FAILED: ") + text, flush=True)
         if not holds:
             self.failed.append(text)
+
+    def require_good_end(self, daemon):
+        """SIGTERM ends the daemon with status 0; a sanitizer that found something says otherwise."""
+        status = daemon.stop() if daemon.process.poll() is None else daemon.process.returncode
+        self.require(status == 0, f"the daemon ends with status {status}" + ("" if status == 0 else ": " + " / ".join(daemon.lines[-20:])))
 
     def done(self):
         sys.exit(1 if self.failed else 0)
