@@ -187,6 +187,7 @@ CatalogChange Catalog::look(bool at_once, bool first) {
     }
     const bool was_open = dataset != nullptr;
     auto slot = std::make_shared<DatasetSlot>(source, base, std::move(dataset), limit_);
+    if (old != slots_.end()) slot->take_counts(*old->second);
     if (was_open) {
       // The texts about it are made here and not by the first who asks.
       if (const auto made = slot->open(); !made) change.failed.push_back({source.name, made.error().message});

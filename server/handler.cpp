@@ -153,6 +153,29 @@ struct Handler::Representation {
 
 namespace {
 
+RouteKind kind_of(const Route& route) {
+  return std::visit(
+      Overloaded{
+          [](const IndexRoute&) { return RouteKind::kIndex; },
+          [](const DatasetsRoute&) { return RouteKind::kDatasets; },
+          [](const ScriptRoute&) { return RouteKind::kAsset; }, [](const StyleRoute&) { return RouteKind::kAsset; },
+          [](const HealthRoute&) { return RouteKind::kHealth; }, [](const ReadyRoute&) { return RouteKind::kReady; },
+          [](const CesiumRoute&) { return RouteKind::kCesium; },
+          [](const DirectoryRoute&) { return RouteKind::kRedirect; },
+          [](const DocumentRoute& r) {
+            return r.document == DatasetDocument::kGlobe  ? RouteKind::kGlobe
+                   : r.document == DatasetDocument::kMeta ? RouteKind::kMeta
+                                                          : RouteKind::kLayer;
+          },
+          [](const TileRoute& r) {
+            return r.format == TileFormat::kTerrain ? RouteKind::kTerrain
+                   : r.format == TileFormat::kVn    ? RouteKind::kVn
+                                                    : RouteKind::kParts;
+          },
+          [](const PieceRoute&) { return RouteKind::kPiece; }, [](const CodesRoute&) { return RouteKind::kCodes; }},
+      route);
+}
+
 // The page of `/datasets` that the query asks for, from 0; nullopt: there is no such page.
 std::optional<std::size_t> list_page(std::string_view query, std::size_t n_pages) {
   const auto text = raw_query_value(query, "page");
@@ -168,6 +191,7 @@ void send(Response& out, std::string_view cache_control, const std::shared_ptr<c
   out.fields.append(cached->fields()).append(cache_control);
   out.content_length = cached->body().size();
   out.add(cached->body());
+  out.coding = cached->coding();
   out.keep(cached);
 }
 
@@ -340,6 +364,7 @@ void Handler::piece(Context& context, const ServedDataset& served, const PieceKe
     out.content_length = body->bytes.size();
     out.keep(body);
   }
+  out.coding = coding;
   representation.append_content(out.fields, coding);
   representation.append_validators(out.fields);
   out.fields += context.cache_control;
@@ -434,6 +459,7 @@ void Handler::handle(const Request& request, WorkerState& worker, Response& out)
       Context context{request, worker, out, std::get<Target>(parsed),
                       worker.coding_for(request[RequestField::kAcceptEncoding])};
       answer(context);
+      out.route = kind_of(context.target.route);
     }
   }
   cross_origin_.append_fields(request[RequestField::kOrigin], out.fields);

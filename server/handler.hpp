@@ -36,6 +36,7 @@ class Handler final : public RequestHandler {
   void refuse(int status, std::string_view why, Response& out) override;
   /// Makes /ready answer 503: called when the daemon begins to drain.
   void set_draining() { draining_ = true; }
+  const ResponseCache& cache() const { return cache_; }
 
  private:
   struct Context;

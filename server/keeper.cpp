@@ -91,6 +91,11 @@ std::optional<ReloadReport> Keeper::reload(std::chrono::milliseconds patience) {
   return report.get();
 }
 
+void Keeper::set_alive_check(std::function<bool()> is_alive) {
+  const std::lock_guard lock(mutex_);
+  is_alive_ = std::move(is_alive);
+}
+
 void Keeper::watch() {
   if (folders_) folders_->set(watched_directories(catalog_.specs()));
 }
@@ -125,7 +130,8 @@ void Keeper::run() {
     if ((look_at_ && now >= *look_at_) || (polls && now >= poll_at_)) look();
     now = Clock::now();
     if (notify_every && now >= notify_at_) {
-      if (!hooks_.is_alive || hooks_.is_alive()) notify_service_manager("WATCHDOG=1");
+      const std::lock_guard lock(mutex_);
+      if (!is_alive_ || is_alive_()) notify_service_manager("WATCHDOG=1");
       notify_at_ = now + *notify_every;
     }
     if (!look_at_ && catalog_.read_ahead()) {

@@ -33,11 +33,10 @@ class Keeper {
  public:
   /// Reads the settings again, as at the start.
   using Reread = std::function<Result<Settings>()>;
-  /// Called by the thread: after each reload, for logs to be opened again; and to ask whether the event loops turn.
+  /// Called by the thread.
   struct Hooks {
     Reread reread;
-    std::function<void()> on_reload;
-    std::function<bool()> is_alive;
+    std::function<void()> on_reload;  ///< After each: for logs to be opened again.
   };
 
   /// Takes the catalog over: nobody else may use it but for its holder(), while the keeper lives.
@@ -50,6 +49,10 @@ class Keeper {
   void request_reload();
   /// Reloads and waits for it. nullopt: it takes longer than `patience`, and goes on. Thread safe.
   std::optional<ReloadReport> reload(std::chrono::milliseconds patience);
+
+  /// What says whether the event loops turn: the service manager's watchdog hears of the daemon only while they do.
+  /// Called by the thread; not after it was replaced. Thread safe.
+  void set_alive_check(std::function<bool()> is_alive);
 
   std::uint64_t n_reloads_ok() const { return n_reloads_ok_; }
   std::uint64_t n_reloads_failed() const { return n_reloads_failed_; }
@@ -78,6 +81,7 @@ class Keeper {
   std::atomic<bool> stopping_ = false, excess_ = false, reload_wanted_ = false;
   std::mutex mutex_;
   std::vector<std::shared_ptr<std::promise<ReloadReport>>> waiting_;
+  std::function<bool()> is_alive_;
   std::atomic<std::uint64_t> n_reloads_ok_ = 0, n_reloads_failed_ = 0, n_dataset_changes_ = 0, n_dataset_failures_ = 0;
   std::thread thread_;
 };

@@ -2,32 +2,32 @@
 #include "server/listener.hpp"
 
 #include <signal.h>
-#include <unistd.h>
+#include <sys/resource.h>
 
 #include <algorithm>
-#include <cerrno>
-#include <cstring>
+#include <cstdint>
 #include <memory>
+#include <optional>
 #include <thread>
 #include <vector>
 
+#include "server/admin_handler.hpp"
+#include "server/listen_sockets.hpp"
 #include "server/service_manager.hpp"
 #include "server/worker.hpp"
 
 namespace tind {
 namespace {
 
-// With SO_REUSEPORT a second daemon could bind the same port unnoticed. Without it, binding tells.
-Result<void> check_free(const SocketAddress& address, const std::string& where) {
-  const int fd = ::socket(address.family(), SOCK_STREAM | SOCK_CLOEXEC, 0);
-  const int on = 1;
-  const bool is_free = fd >= 0 && ::setsockopt(fd, SOL_SOCKET, SO_REUSEADDR, &on, sizeof on) == 0 &&
-                       ::bind(fd, address.get(), address.size) == 0;
-  const int error = errno;
-  if (fd >= 0) ::close(fd);
-  if (is_free) return {};
-  const char* hint = error == EADDRINUSE ? "; stop the other program or give another --listen HOST:PORT" : "";
-  return fail(ErrorKind::kIo, "cannot listen on " + where + ": " + std::strerror(error) + hint);
+constexpr const char* kAdminSocket = "admin";  // FileDescriptorName=
+constexpr int kAdminConnections = 100;
+
+// The soft limit is low for the sake of programs that use select(); this one does not.
+void raise_descriptor_limit() {
+  rlimit limit{};
+  if (::getrlimit(RLIMIT_NOFILE, &limit) != 0) return;
+  limit.rlim_cur = limit.rlim_max;
+  ::setrlimit(RLIMIT_NOFILE, &limit);
 }
 
 sigset_t awaited_signals() {
@@ -66,27 +66,68 @@ void block_signals() {
   pthread_sigmask(SIG_BLOCK, &signals, nullptr);
 }
 
-Result<void> serve(const Settings& settings, Handler& handler, const SiteHolder& site, Keeper& keeper,
-                   const std::function<void(const std::string&)>& on_listening) {
-  auto address = resolve_address(settings.listen);
-  if (!address) return tl::unexpected(address.error());
-  if (auto free = check_free(*address, settings.listen); !free) return free;
-
-  ConnectionTable connections(settings.max_connections, settings.max_connections_per_address);
+Result<void> serve(ServeParts parts, const std::function<void(const std::vector<std::string>&)>& on_listening) {
+  const Settings& settings = parts.settings;
+  raise_descriptor_limit();
+  std::vector<int> public_fds, admin_fds;
+  for (const PassedSocket& socket : parts.sockets) {
+    (socket.name == kAdminSocket ? admin_fds : public_fds).push_back(socket.fd);
+  }
   const unsigned cores = std::max(1u, std::thread::hardware_concurrency());
   const std::size_t n_workers = settings.threads > 0 ? static_cast<std::size_t>(settings.threads) : cores;
+  auto sockets = ListenSockets::open(settings.listen, public_fds, n_workers);
+  if (!sockets) return tl::unexpected(sockets.error());
+
+  ConnectionTable connections(settings.max_connections, settings.max_connections_per_address);
+  MetricsSources sources;
   std::vector<std::unique_ptr<Worker>> workers;
   for (std::size_t k = 0; k < n_workers; ++k) {
-    workers.push_back(std::make_unique<Worker>(settings, handler, site, connections));
-    if (auto bound = workers.back()->listen(*address); !bound) return bound;
-    address->set_port(workers.back()->port());
+    workers.push_back(std::make_unique<Worker>(settings, parts.handler, parts.site, connections));
+    for (const int fd : sockets->take(k)) workers.back()->listen_on(fd);
+    if (parts.access_log) workers.back()->set_access_log(parts.access_log, log_format_of(settings.log_format));
+    sources.workers.push_back(&workers.back()->counters());
   }
-  const std::string host = settings.listen.substr(0, settings.listen.rfind(':'));
-  on_listening(host + ":" + std::to_string(address->port()));
+  parts.keeper.set_alive_check([loops = sources.workers, before = std::vector<std::uint64_t>(n_workers)]() mutable {
+    bool all = true;
+    for (std::size_t k = 0; k < loops.size(); ++k) {
+      const std::uint64_t now = loops[k]->n_turns.load(std::memory_order_relaxed);
+      all = all && (now != before[k] || now == 0);
+      before[k] = now;
+    }
+    return all;
+  });
+
+  // The operator's listener has a loop of its own, which may wait for a reload.
+  sources.connections = &connections;
+  sources.cache = &parts.handler.cache();
+  sources.site = &parts.site;
+  sources.keeper = &parts.keeper;
+  if (parts.access_log) sources.access_lines_dropped = [log = parts.access_log] { return log->n_dropped(); };
+  AdminHandler admin_handler(sources, parts.keeper);
+  ConnectionTable admin_connections(kAdminConnections, 0);
+  std::optional<ListenSockets> admin_sockets;
+  std::unique_ptr<Worker> admin;
+  if (!settings.admin_listen.empty() || !admin_fds.empty()) {
+    auto opened = ListenSockets::open(settings.admin_listen, admin_fds, 1);
+    if (!opened) return tl::unexpected(opened.error());
+    admin_sockets.emplace(std::move(*opened));
+    admin = std::make_unique<Worker>(settings, admin_handler, parts.site, admin_connections);
+    for (const int fd : admin_sockets->take(0)) admin->listen_on(fd);
+    for (const std::string& where : admin_sockets->where()) log_info("admin listener on " + where);
+  }
+
+  on_listening(sockets->where());
   std::vector<std::thread> threads;
   for (auto& worker : workers) threads.emplace_back([&worker = *worker] { worker.run(); });
-  wait_for_signals(handler, keeper, workers);
+  std::thread admin_thread;
+  if (admin) admin_thread = std::thread([&] { admin->run(); });
+  wait_for_signals(parts.handler, parts.keeper, workers);
   for (std::thread& thread : threads) thread.join();
+  if (admin) {
+    admin->stop();
+    admin_thread.join();
+  }
+  parts.keeper.set_alive_check({});
   return {};
 }
 

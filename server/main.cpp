@@ -3,6 +3,7 @@
 #include <cstdio>
 #include <cstdlib>
 #include <exception>
+#include <memory>
 
 #include "config/command_line.hpp"
 #include "server/catalog.hpp"
@@ -55,18 +56,30 @@ int run(const std::vector<std::string>& arguments) {
     return tind::run_check({check->paths, check->as_json, 0}, stdout, stderr);
   }
   const auto& settings = std::get<tind::Settings>(command);
+  auto sockets = tind::take_passed_sockets();
   const auto catalog = tind::Catalog::open(settings);
   if (!catalog) return report(catalog.error());
   tind::block_signals();
   std::signal(SIGPIPE, SIG_IGN);  // a client that went away is an error of its write, not of the daemon
   tind::Handler handler(settings);
   const ErrorLog log(settings);
-  tind::Keeper keeper(**catalog, settings, {[&] { return read_settings(arguments); }, {}, {}});
-  const auto served = tind::serve(settings, handler, (*catalog)->holder(), keeper, [](const std::string& where) {
-    std::printf("tind: listening on http://%s\n", where.c_str());
-    std::fflush(stdout);
-    tind::notify_service_manager("READY=1");
-  });
+  std::unique_ptr<tind::LineSink> access_log;
+  if (!settings.access_log.empty()) {
+    auto opened = tind::LineSink::open(settings.access_log);
+    if (!opened) return report(opened.error());
+    access_log = std::move(*opened);
+  }
+  const auto on_reload = [&] {
+    if (access_log) access_log->reopen();
+  };
+  tind::Keeper keeper(**catalog, settings, {[&] { return read_settings(arguments); }, on_reload});
+  const auto served =
+      tind::serve({settings, handler, (*catalog)->holder(), keeper, access_log.get(), std::move(sockets)},
+                  [](const std::vector<std::string>& all) {
+                    for (const std::string& where : all) std::printf("tind: listening on %s\n", where.c_str());
+                    std::fflush(stdout);
+                    tind::notify_service_manager("READY=1");
+                  });
   return served ? 0 : report(served.error());
 }
 

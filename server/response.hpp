@@ -11,8 +11,30 @@
 #include <string_view>
 
 #include "core/format/bytes.hpp"
+#include "server/content_coding.hpp"
 
 namespace tind {
+
+/// What kind of address was asked for; for counting.
+enum class RouteKind : std::uint8_t {
+  kNone,  ///< No request, or no address of ours.
+  kIndex,
+  kDatasets,
+  kHealth,
+  kReady,
+  kAsset,
+  kCesium,
+  kGlobe,
+  kMeta,
+  kLayer,
+  kRedirect,
+  kTerrain,
+  kVn,
+  kParts,
+  kPiece,
+  kCodes,
+};
+inline constexpr std::size_t kRouteKinds = 16;
 
 /// An answer without what the connection adds (status line, Date, Connection, Content-Length). Made to be used again
 /// and again: reset() keeps the memory of its texts, so that answering takes none. The body is what `lead` holds, then
@@ -24,11 +46,15 @@ class Response {
   int status = 200;
   std::string fields;                           ///< Header lines, each ended by CRLF.
   std::optional<std::uint64_t> content_length;  ///< What GET sends; absent for 204 and 304.
-  std::string lead;                             ///< The first bytes of the body: for what exists nowhere else.
+  RouteKind route = RouteKind::kNone;           ///< For counting; so is the coding.
+  Coding coding = Coding::kIdentity;
+  std::string lead;  ///< The first bytes of the body: for what exists nowhere else.
 
   /// As new.
   void reset() {
     status = 200;
+    route = RouteKind::kNone;
+    coding = Coding::kIdentity;
     fields.clear();
     content_length.reset();
     drop_body();

@@ -53,6 +53,7 @@ std::shared_ptr<const CachedResponse> ResponseCache::find(const CacheKey& key) {
   const std::lock_guard lock(shard.mutex);
   const auto found = shard.index.find(key);
   if (found == shard.index.end()) return nullptr;
+  ++shard.n_hits;
   // Moving an entry touches its neighbours, so it is done only after many others came in before it.
   Entry& entry = found->second;
   if (shard.n_puts - entry.moved_at > shard.index.size() / 8) {
@@ -85,6 +86,16 @@ void ResponseCache::put(const CacheKey& key, std::shared_ptr<const CachedRespons
 
 std::unique_lock<std::mutex> ResponseCache::lock_making(const CacheKey& key) {
   return std::unique_lock(makers_[KeyHash{}(key) >> 16 & (kMakers - 1)]);
+}
+
+ResponseCache::Counts ResponseCache::counts() const {
+  Counts counts;
+  for (const Shard& shard : shards_) {
+    const std::lock_guard lock(shard.mutex);
+    counts.n_hits += shard.n_hits;
+    counts.n_puts += shard.n_puts;
+  }
+  return counts;
 }
 
 std::size_t ResponseCache::n_bytes() const {

@@ -62,6 +62,10 @@ class ResponseCache {
   std::size_t capacity_bytes() const { return shard_capacity_ * kShards; }
   /// Bytes in use, bookkeeping included.
   std::size_t n_bytes() const;
+  struct Counts {
+    std::uint64_t n_hits = 0, n_puts = 0;  ///< Values found, and values made and kept.
+  };
+  Counts counts() const;
 
  private:
   static constexpr std::size_t kShards = 16;
@@ -81,7 +85,7 @@ class ResponseCache {
     std::unordered_map<CacheKey, Entry, KeyHash> index;
     Entry order;  // between its last and its first: roughly the most recently used first
     std::size_t bytes = 0;
-    std::uint64_t n_puts = 0;
+    std::uint64_t n_puts = 0, n_hits = 0;
     Shard() { order.before = order.after = &order; }
     void unlink(Entry& entry);
     void put_first(Entry& entry);

@@ -126,9 +126,9 @@ std::optional<DatasetSummary> DatasetSlot::summary() const {
   return summary_;
 }
 
-bool DatasetSlot::has_failed() const {
+std::optional<Error> DatasetSlot::error() const {
   const std::lock_guard lock(mutex_);
-  return error_.has_value();
+  return error_;
 }
 
 }  // namespace tind

@@ -82,7 +82,15 @@ class DatasetSlot {
   Result<void> read_summary();
   /// nullopt: the file was not read yet, or failed.
   std::optional<DatasetSummary> summary() const;
-  bool has_failed() const;
+  bool has_failed() const { return error().has_value(); }
+  /// Why the file could not be opened; nullopt: it could, or was not tried.
+  std::optional<Error> error() const;
+
+  /// Counts requests that named the dataset; what was counted stays when a name gets another slot (`take_counts`).
+  void count_requests(std::uint64_t n) { n_requests_->fetch_add(n, std::memory_order_relaxed); }
+  std::uint64_t n_requests() const { return n_requests_->load(std::memory_order_relaxed); }
+  /// Goes on counting where `before`, whose name this slot has now, is. Before anybody counts.
+  void take_counts(const DatasetSlot& before) { n_requests_ = before.n_requests_; }
 
   /// Notes that somebody asked, at a coarse time in seconds: the slot used last is closed last.
   void touch(std::int64_t now_s) {
@@ -95,6 +103,7 @@ class DatasetSlot {
   const std::shared_ptr<DatasetSlot> base_;
   const std::shared_ptr<OpenLimit> limit_;
   std::atomic<std::int64_t> last_used_s_ = 0;
+  std::shared_ptr<std::atomic<std::uint64_t>> n_requests_ = std::make_shared<std::atomic<std::uint64_t>>(0);
   mutable std::mutex mutex_;  // taken before the base's, never after
   std::shared_ptr<const Dataset> opened_;
   std::shared_ptr<const ServedDataset> served_;

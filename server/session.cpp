@@ -140,14 +140,18 @@ bool Session::answer_next(std::string_view& bytes) {
   if (++n_requests_ == most) close_after_write_ = true;
   body_bytes_to_skip_ = skippable ? request.content_length : 0;
   worker_.handler().handle(request.request, worker_.state(), worker_.response());
+  const std::size_t n_before = worker_.batch().n_bytes();
   worker_.batch().add(worker_.response(), worker_.common_fields(), !close_after_write_);
+  worker_.note_answer(&request.request, fd_, worker_.batch().n_bytes() - n_before);
   return true;
 }
 
 void Session::refuse(int status, std::string_view why) {
   close_after_write_ = true;
   worker_.handler().refuse(status, why, worker_.response());
+  const std::size_t n_before = worker_.batch().n_bytes();
   worker_.batch().add(worker_.response(), worker_.common_fields(), false);
+  worker_.note_answer(nullptr, fd_, worker_.batch().n_bytes() - n_before);
 }
 
 // One write that does not block, then the batch ends: what is left is copied.
@@ -159,6 +163,7 @@ void Session::flush() {
   message.msg_iovlen = buffers.size();
   const ssize_t n = ::sendmsg(fd_, &message, MSG_NOSIGNAL);
   const bool failed = n < 0 && !would_block(errno) && errno != EINTR;
+  worker_.note_sent();
   const auto n_sent = static_cast<std::size_t>(std::max<ssize_t>(n, 0));
   if (!failed && n_sent < batch.n_bytes()) batch.copy_rest(n_sent, rest_);
   batch.clear();

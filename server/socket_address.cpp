@@ -3,11 +3,15 @@
 
 #include <arpa/inet.h>
 #include <netdb.h>
+#include <fmt/format.h>
 #include <netinet/in.h>
+#include <sys/un.h>
 
 #include <algorithm>
 #include <charconv>
+#include <cstddef>
 #include <cstring>
+#include <string_view>
 
 namespace tind {
 
@@ -22,16 +26,48 @@ void SocketAddress::set_port(std::uint16_t port) {
   if (family() == AF_INET6) reinterpret_cast<sockaddr_in6*>(&storage)->sin6_port = htons(port);
 }
 
-std::string SocketAddress::text() const {
+std::string SocketAddress::path() const {
+  if (family() != AF_UNIX || size <= offsetof(sockaddr_un, sun_path)) return "";
+  const auto& un = *reinterpret_cast<const sockaddr_un*>(&storage);
+  const std::size_t room = size - offsetof(sockaddr_un, sun_path);
+  if (un.sun_path[0] == '\0') return std::string("@").append(un.sun_path + 1, room - 1);
+  return {un.sun_path, ::strnlen(un.sun_path, room)};
+}
+
+std::string SocketAddress::host() const {
+  if (family() == AF_UNIX) return "unix:" + path();
   std::array<char, NI_MAXHOST> host{};
   if (getnameinfo(get(), size, host.data(), host.size(), nullptr, 0, NI_NUMERICHOST) != 0) return "";
-  std::string text = host.data();
+  return host.data();
+}
+
+std::string SocketAddress::text() const {
+  std::string text = host();
+  if (family() == AF_UNIX) return text;
   if (family() == AF_INET6) text.insert(0, 1, '[').push_back(']');
   return text.append(1, ':').append(std::to_string(port()));
 }
 
+std::string SocketAddress::url() const { return family() == AF_UNIX ? text() : "http://" + text(); }
+
 Result<SocketAddress> resolve_address(const std::string& listen) {
-  const auto malformed = [&] { return fail(ErrorKind::kInvalidInput, "--listen " + listen + ": not HOST:PORT"); };
+  constexpr std::string_view kUnix = "unix:";
+  if (listen.starts_with(kUnix)) {
+    const std::string path = listen.substr(kUnix.size());
+    SocketAddress address;
+    auto& un = *reinterpret_cast<sockaddr_un*>(&address.storage);
+    if (path.empty() || path.size() >= sizeof un.sun_path) {
+      return fail(ErrorKind::kInvalidInput,
+                  fmt::format("--listen {}: a path of 1 to {} bytes", listen, sizeof un.sun_path - 1));
+    }
+    un.sun_family = AF_UNIX;
+    std::memcpy(un.sun_path, path.data(), path.size());
+    address.size = static_cast<socklen_t>(offsetof(sockaddr_un, sun_path) + path.size() + 1);
+    return address;
+  }
+  const auto malformed = [&] {
+    return fail(ErrorKind::kInvalidInput, "--listen " + listen + ": not HOST:PORT or unix:PATH");
+  };
   const auto colon = listen.rfind(':');
   if (colon == listen.npos || colon == 0) return malformed();
   std::string host = listen.substr(0, colon);

@@ -22,11 +22,18 @@ struct SocketAddress {
   /// 0 where there are none.
   std::uint16_t port() const;
   void set_port(std::uint16_t port);
-  /// "192.0.2.1:80", "[2001:db8::1]:80".
+  /// "192.0.2.1", "2001:db8::1"; "unix:/path".
+  std::string host() const;
+  /// "192.0.2.1:80", "[2001:db8::1]:80", "unix:/path".
   std::string text() const;
+  /// "http://192.0.2.1:80", "unix:/path".
+  std::string url() const;
+  /// Of a unix socket; '@' stands for the abstract namespace's first byte. Empty for others.
+  std::string path() const;
 };
 
-/// "HOST:PORT" or "[V6]:PORT"; the host is an address or a name. kInvalidInput: neither, or no such host.
+/// "HOST:PORT" or "[V6]:PORT", where the host is an address or a name; or "unix:PATH". kInvalidInput: none of these, or
+/// no such host.
 Result<SocketAddress> resolve_address(const std::string& listen);
 
 /// The part of an address that stands for one client: an IPv4 address, or the /64 network that an IPv6 client has for

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "server/worker.hpp"
 
-#include <netinet/in.h>
-#include <netinet/tcp.h>
 #include <sys/epoll.h>
 #include <sys/eventfd.h>
 #include <unistd.h>
@@ -15,7 +13,9 @@
 #include <system_error>
 #include <utility>
 
+#include "server/access_log.hpp"
 #include "server/http_date.hpp"
+#include "server/listen_sockets.hpp"
 
 namespace tind {
 namespace {
@@ -25,11 +25,6 @@ using Clock = std::chrono::steady_clock;
 constexpr std::size_t kInputBytes = 65536;  // beyond a whole header
 constexpr int kEventsAtOnce = 256;
 constexpr int kAcceptsAtOnce = 64;  // then connections have their turn
-
-tl::unexpected<Error> cannot_listen(const std::string& where, int error) {
-  const char* hint = error == EADDRINUSE ? "; stop the other program or give another --listen HOST:PORT" : "";
-  return fail(ErrorKind::kIo, "cannot listen on " + where + ": " + std::strerror(error) + hint);
-}
 
 // Out of memory or descriptors while the daemon starts: nothing can be done without.
 int checked(int fd) {
@@ -91,26 +86,15 @@ Worker::~Worker() {
 }
 
 Result<void> Worker::listen(const SocketAddress& address) {
-  const int fd = ::socket(address.family(), SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
-  if (fd < 0) return cannot_listen(address.text(), errno);
-  const int on = 1;
-  // Connections inherit TCP_NODELAY.
-  const bool bound = ::setsockopt(fd, SOL_SOCKET, SO_REUSEADDR, &on, sizeof on) == 0 &&
-                     ::setsockopt(fd, SOL_SOCKET, SO_REUSEPORT, &on, sizeof on) == 0 &&
-                     ::setsockopt(fd, IPPROTO_TCP, TCP_NODELAY, &on, sizeof on) == 0 &&
-                     ::bind(fd, address.get(), address.size) == 0 && ::listen(fd, SOMAXCONN) == 0;
-  if (!bound) {
-    const int error = errno;
-    ::close(fd);
-    return cannot_listen(address.text(), error);
-  }
-  listen_on(fd);
+  const auto fd = open_listening_socket(address);
+  if (!fd) return tl::unexpected(fd.error());
+  listen_on(*fd);
   return {};
 }
 
 void Worker::listen_on(int fd) {
   listeners_.push_back(std::make_unique<Listener>(*this, fd));
-  watch(fd, EPOLLIN, *listeners_.back());
+  watch(fd, EPOLLIN | EPOLLEXCLUSIVE, *listeners_.back());  // a shared socket need not wake all workers
 }
 
 std::uint16_t Worker::port() const {
@@ -132,6 +116,7 @@ void Worker::run() {
     const auto until_tick = std::chrono::duration_cast<std::chrono::milliseconds>(next_tick_ - Clock::now());
     const int timeout_ms = later_.empty() ? static_cast<int>(std::max<std::int64_t>(until_tick.count() + 1, 0)) : 0;
     const int n = ::epoll_wait(epoll_, events.data(), kEventsAtOnce, timeout_ms);
+    mark_ = Clock::now();
     for (int k = 0; k < n; ++k) {
       static_cast<EventTarget*>(events[static_cast<std::size_t>(k)].data.ptr)
           ->on_events(events[static_cast<std::size_t>(k)].events);
@@ -203,12 +188,33 @@ void Worker::tick() {
   now_ += n_missed + 1;
   refresh_date();
   state_.set_time(static_cast<std::int64_t>(now_ / kTicksPerSecond));
+  state_.hand_over_counts();
   state_.begin_batch();  // an idle thread lets go of what was swapped out, too
+  counters_.n_open_transactions.store(state_.n_open_transactions(), std::memory_order_relaxed);
+  counters_.n_turns.store(static_cast<std::uint64_t>(now_), std::memory_order_relaxed);
   timers_.advance(now_, [&](TimerEntry& entry) { static_cast<Session&>(entry).on_timer(now_); });
   if (!accepting_ && !draining_) {
     accepting_ = true;
-    for (const auto& listener : listeners_) watch(listener->fd(), EPOLLIN, *listener);
+    for (const auto& listener : listeners_) watch(listener->fd(), EPOLLIN | EPOLLEXCLUSIVE, *listener);
   }
+}
+
+void Worker::note_answer(const Request* request, int fd, std::size_t n_bytes) {
+  ++n_noted_;
+  counters_.count(response_, n_bytes);
+  if (!access_log_) return;
+  SocketAddress peer;
+  const bool known = ::getpeername(fd, peer.get(), &peer.size) == 0 && peer.family() != AF_UNIX;
+  const std::string address = known ? peer.host() : "unix";
+  const double seconds = std::chrono::duration<double>(Clock::now() - mark_).count();
+  access_log_->write(format_access_line({address, request, response_.status, n_bytes, seconds}, access_format_));
+}
+
+void Worker::note_sent() {
+  const auto now = Clock::now();
+  counters_.observe(now - mark_, n_noted_);
+  n_noted_ = 0;
+  mark_ = now;
 }
 
 void Worker::refresh_date() {

@@ -12,6 +12,8 @@
 #include "core/result.hpp"
 #include "server/connection_table.hpp"
 #include "server/handler.hpp"
+#include "server/log.hpp"
+#include "server/metrics.hpp"
 #include "server/request_parser.hpp"
 #include "server/session.hpp"
 #include "server/timer_wheel.hpp"
@@ -58,6 +60,17 @@ class Worker {
   /// The answer being made, and those made but not sent. One session at a time has them, and leaves them empty.
   Response& response() { return response_; }
   WriteBatch& batch() { return batch_; }
+  /// Counts the answer in response(), once it is in the batch with `n_bytes`, and writes it down where that is wanted.
+  /// `request`: nullptr when what came on `fd` was none.
+  void note_answer(const Request* request, int fd, std::size_t n_bytes);
+  /// Counts how long the answers took that were noted since the last call.
+  void note_sent();
+  WorkerCounters& counters() { return counters_; }
+  /// Writes answers down from now on; before run(). `log` must outlive the worker.
+  void set_access_log(LineSink* log, LogFormat format) {
+    access_log_ = log;
+    access_format_ = format;
+  }
   /// Server and Date, as header lines; at most a fraction of a second old.
   const std::string& common_fields() const { return common_fields_; }
   /// Calls session.resume() when others have had their turn.
@@ -98,6 +111,11 @@ class Worker {
   bool draining_ = false;
   std::atomic<bool> ended_ = false;
   Tick drain_deadline_ = 0;
+  WorkerCounters counters_;
+  std::uint64_t n_noted_ = 0;
+  std::chrono::steady_clock::time_point mark_;  // the last turn, or the last answers sent in it
+  LineSink* access_log_ = nullptr;
+  LogFormat access_format_ = LogFormat::kText;
   std::vector<char> input_;
   FieldScratch field_scratch_;
   Response response_;

@@ -22,6 +22,7 @@ std::uint64_t hash_of(const std::array<ByteView, 9>& values) {
 void WorkerState::begin_batch() {
   if (site_ && version_ == holder_.version()) return;
   version_ = holder_.version();  // read first: a swap in between is seen by the next batch
+  hand_over_counts();
   std::erase_if(named_, [&](const auto& entry) { return entry.second.slot->if_open() != entry.second.served; });
   const auto before = std::move(site_);  // holds the names of named_ until it is sorted out
   site_ = holder_.current();
@@ -44,8 +45,16 @@ Result<const ServedDataset*> WorkerState::dataset(std::string_view name) {
     if (!served) return tl::unexpected(served.error());
     found = named_.emplace(slot->source().name, NamedDataset{slot, std::move(*served)}).first;
   }
+  ++found->second.n_requests;
   found->second.slot->touch(now_s_);
   return found->second.served.get();
+}
+
+void WorkerState::hand_over_counts() {
+  for (auto& [name, named] : named_) {
+    if (named.n_requests > 0) named.slot->count_requests(named.n_requests);
+    named.n_requests = 0;
+  }
 }
 
 Result<const TileStore::Snapshot*> WorkerState::snapshot(const std::shared_ptr<const Dataset>& dataset) {

@@ -39,6 +39,9 @@ class WorkerState {
   /// first.
   void set_time(std::int64_t now_s) { now_s_ = now_s; }
   const Site& site() const { return *site_; }
+  /// Hands the requests counted by dataset() over to the slots; now and then.
+  void hand_over_counts();
+  std::size_t n_open_transactions() const { return open_.size(); }
   /// The dataset of that name, opened when it is not yet; nullptr: the site has none. Fails as its file does. The
   /// pointer is good until the next begin_batch().
   Result<const ServedDataset*> dataset(std::string_view name);
@@ -69,6 +72,7 @@ class WorkerState {
   struct NamedDataset {
     DatasetSlot* slot;
     std::shared_ptr<const ServedDataset> served;
+    std::uint64_t n_requests = 0;  // not handed over yet
   };
   template <class T>
   struct Remembered {

@@ -307,7 +307,7 @@ class KeeperTest : public CatalogTest {
     settings.datasets = catalog_->specs();
     settings.watch = watch;
     settings.poll_interval_s = 1;
-    keeper_ = std::make_unique<Keeper>(*catalog_, settings, Keeper::Hooks{std::move(reread), {}, {}});
+    keeper_ = std::make_unique<Keeper>(*catalog_, settings, Keeper::Hooks{std::move(reread), {}});
   }
   template <class Condition>
   bool soon(Condition condition, int limit_ms = 5000) {

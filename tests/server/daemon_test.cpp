@@ -12,12 +12,14 @@
 #include <fstream>
 #include <thread>
 
+#include "daemon_process.hpp"
 #include "raw_client.hpp"
 #include "test_site.hpp"
 
 namespace tind {
 namespace {
 
+using test::DaemonProcess;
 using test::RawClient;
 using testing::HasSubstr;
 
@@ -37,52 +39,6 @@ Finished run(const std::string& command) {
   return finished;
 }
 
-// The daemon as a child process.
-class Daemon {
- public:
-  explicit Daemon(const std::vector<std::string>& arguments) {
-    int ends[2];
-    if (pipe(ends) != 0) return;
-    pid_ = fork();
-    if (pid_ == 0) {
-      dup2(ends[1], STDOUT_FILENO);
-      close(ends[0]);
-      close(ends[1]);
-      std::vector<char*> argv = {const_cast<char*>(kProgram.c_str())};
-      for (const std::string& argument : arguments) argv.push_back(const_cast<char*>(argument.c_str()));
-      argv.push_back(nullptr);
-      execv(kProgram.c_str(), argv.data());
-      _exit(127);
-    }
-    close(ends[1]);
-    char c;
-    while (read(ends[0], &c, 1) == 1 && c != '\n') first_line += c;
-    out_ = ends[0];
-    const auto colon = first_line.rfind(':');
-    if (colon != first_line.npos) port = static_cast<std::uint16_t>(std::atoi(first_line.c_str() + colon + 1));
-  }
-  ~Daemon() {
-    if (pid_ > 0) {
-      kill(pid_, SIGKILL);
-      waitpid(pid_, nullptr, 0);
-    }
-    close(out_);
-  }
-  int stop(int signal) {
-    kill(pid_, signal);
-    int status = 0;
-    waitpid(pid_, &status, 0);
-    pid_ = -1;
-    return WIFEXITED(status) ? WEXITSTATUS(status) : -WTERMSIG(status);
-  }
-  std::string first_line;
-  std::uint16_t port = 0;
-
- private:
-  pid_t pid_ = -1;
-  int out_ = -1;
-};
-
 class DaemonTest : public testing::Test {
  protected:
   void SetUp() override { test::write_pyramid(world_); }
@@ -92,7 +48,7 @@ class DaemonTest : public testing::Test {
 
 TEST_F(DaemonTest, SaysWhereItListensServesAndEndsWithZeroOnSignals) {
   for (const int signal : {SIGTERM, SIGINT}) {
-    Daemon daemon({world_, "--listen", "127.0.0.1:0", "--threads", "3"});
+    DaemonProcess daemon({world_, "--listen", "127.0.0.1:0", "--threads", "3"});
     EXPECT_EQ(daemon.first_line, "tind: listening on http://127.0.0.1:" + std::to_string(daemon.port));
     ASSERT_GT(daemon.port, 0);
     // Many connections, so that every worker gets some.
@@ -113,7 +69,7 @@ TEST_F(DaemonTest, SaysWhereItListensServesAndEndsWithZeroOnSignals) {
 }
 
 TEST_F(DaemonTest, ASecondDaemonOnOnePortFailsInOneLine) {
-  Daemon daemon({world_, "--listen", "127.0.0.1:0"});
+  DaemonProcess daemon({world_, "--listen", "127.0.0.1:0"});
   const auto second = run(kProgram + " " + world_ + " --listen 127.0.0.1:" + std::to_string(daemon.port));
   EXPECT_EQ(second.status, 1);
   EXPECT_THAT(second.out, HasSubstr("cannot listen on"));
