@@ -11,9 +11,10 @@ namespace tind {
 
 /// What a body was made of, and how (docs/format.md 5): the record of PieceKind::kInputs.
 struct TileInputs {
+  using Digest = std::array<std::uint8_t, 16>;
   /// Of everything that shapes the body: posts, borders with envelopes, the parent's vertices, break lines, tolerances.
   /// Equal digests: equal bodies.
-  std::array<std::uint8_t, 16> digest{};
+  Digest digest{};
   std::uint64_t n_inserted = 0;     ///< Interior vertices that greedy insertion added.
   std::uint64_t n_of_lines = 0;     ///< Interior vertices that only break lines brought in.
   std::uint64_t n_outside = 0;      ///< Interior vertices beyond the data.

@@ -217,6 +217,19 @@ void read_triangles(ByteReader& in, std::vector<Triangle>& triangles) {
 
 }  // namespace
 
+Result<BodySummary> decode_body_summary(ByteView value) {
+  std::uint64_t record_bytes = value.size();
+  const auto start = unpack_start(value, [&](ByteView so_far, std::uint64_t whole_bytes) {
+    record_bytes = whole_bytes;
+    return so_far.size() >= kLongestHeadBytes;
+  });
+  if (!start) return tl::unexpected(start.error());
+  ByteReader in(*start);
+  const auto head = read_body_head(in, record_bytes);
+  if (!head) return corrupt("body");
+  return BodySummary{head->stats, head->n_interior, head->n_triangles};
+}
+
 Result<std::vector<LocalVertex>> decode_interior(ByteView value) {
   std::uint64_t record_bytes = value.size();
   std::size_t n_counted = 0;               // bytes whose varints are counted

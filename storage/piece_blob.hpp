@@ -19,6 +19,14 @@ Result<Corner> decode_corner(ByteView record);
 Result<EdgeChain> decode_edge(ByteView record);
 Result<TileBody> decode_body(ByteView record);
 
+/// What stands before the arrays of a body.
+struct BodySummary {
+  TileStats stats;
+  std::uint64_t n_interior = 0, n_triangles = 0;
+};
+/// Only that, from a body's stored VALUE: unpacks a block of it at most. Damage behind it goes unseen.
+Result<BodySummary> decode_body_summary(ByteView value);
+
 /// Only the interior vertices of a body, from its stored VALUE (a record or a zstd frame): unpacks and checks no more
 /// than is needed for them. What decode_body accepts gives the same vertices here; damage behind them goes unseen.
 Result<std::vector<LocalVertex>> decode_interior(ByteView value);

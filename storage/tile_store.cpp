@@ -216,6 +216,25 @@ Result<TileStore::Snapshot> TileStore::snapshot() const {
   return Snapshot(std::move(snapshot));
 }
 
+ByteView TileStore::map() const {
+  MDB_envinfo info{};
+  mdb_env_info(impl_->env, &info);
+  return {static_cast<const std::uint8_t*>(info.me_mapaddr), info.me_mapsize};
+}
+
+Result<std::string> content_hash(const TileStore::Snapshot& snapshot) {
+  Fnv1a hash;
+  TileStore::Cursor cursor(snapshot);
+  for (;;) {
+    const auto piece = cursor.next();
+    if (!piece) return tl::unexpected(piece.error());
+    if (!*piece) return hash.hex();
+    if ((*piece)->key.kind == PieceKind::kInputs) continue;
+    hash.add(key_bytes((*piece)->key));
+    hash.add((*piece)->value);
+  }
+}
+
 struct TileStoreWriter::Impl {
   std::string path;
   MDB_env* env = nullptr;

@@ -72,12 +72,18 @@ class TileStore {
 
   /// Starts a read transaction.
   Result<Snapshot> snapshot() const;
+  /// The file's memory map.
+  ByteView map() const;
 
  private:
   struct Impl;
   explicit TileStore(std::unique_ptr<Impl> impl);
   std::unique_ptr<Impl> impl_;
 };
+
+/// 64-bit FNV-1a over the keys and values of all pieces but kInputs, in the file's order, as 16 hexadecimal digits: the
+/// manifest's content_hash (docs/format.md 9). Fails as Cursor::next does.
+Result<std::string> content_hash(const TileStore::Snapshot& snapshot);
 
 /// Writes a `.tind` file. One thread. Keys must come in storage order, the manifest last. What was appended is on disk
 /// every few megabytes; a file that was left there, by a crash or a full disk, can be gone on with, and then has the

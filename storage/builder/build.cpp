@@ -2,6 +2,7 @@
 #include "storage/builder/build.hpp"
 
 #include <fmt/format.h>
+#include <malloc.h>
 #include <nlohmann/json.hpp>
 
 #include <algorithm>
@@ -27,8 +28,8 @@ constexpr double kReadShare = 0.08;
 constexpr double kLineShare = 0.1;
 // Pages of posts and of the store are dropped beyond such a share of BuildOptions::memory_bytes: looking and dropping
 // take a moment, in which drainage and loading touch more than tiles do.
-constexpr double kMapsWhileReading = 0.4;
-constexpr double kMapsWhileBuilding = 0.48;
+constexpr double kMapsWhileReading = 0.44;
+constexpr double kMapsWhileBuilding = 0.52;
 
 double seconds_since(std::chrono::steady_clock::time_point start) {
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
@@ -236,6 +237,10 @@ Result<BuildReport> build_pyramid(const BuildOptions& options, Progress& progres
     earlier.emplace(std::move(*opened));
   }
 
+  Result<void> sound;  // what is taken over from it
+  std::jthread checker;
+  if (earlier) checker = std::jthread([&] { sound = earlier->check_content(options.earlier); });
+
   // The output's name is taken before the long work begins, so that an unwritable folder is known at once.
   auto unfinished = UnfinishedOutput::open(options.output, options.resume, options.force);
   if (!unfinished) return tl::unexpected(unfinished.error());
@@ -285,6 +290,7 @@ Result<BuildReport> build_pyramid(const BuildOptions& options, Progress& progres
   report.drainage = lines->drainage;
   report.drainage_cells = lines->drainage_cells;
   report.given = lines->given;
+  ::malloc_trim(0);  // many small blocks were freed
   report.line_seconds = seconds_since(line_start);
   HeightField field = source->field();
   field.pinned = lines->pyramid.pinned();
@@ -296,6 +302,8 @@ Result<BuildReport> build_pyramid(const BuildOptions& options, Progress& progres
   const PyramidInput input{field,          *table,        lines->pyramid, report.threads,
                            options.cancel, m.shard_index, m.shard_count,  earlier ? &earlier->snapshot : nullptr};
   limit_maps(kMapsWhileBuilding);
+  if (checker.joinable()) checker.join();
+  if (!sound) return tl::unexpected(sound.error());
   auto built = build_levels(input, *writer, progress, progress_from);
   if (built) {
     m.levels = std::move(built->levels);

@@ -35,7 +35,22 @@ Result<EarlierPyramid> EarlierPyramid::open(const std::string& path) {
                   fmt::format("{}: the manifest lists more tiles of level {} than the file holds", path, level.level));
     }
   }
-  return EarlierPyramid{std::move(*store), std::move(*snapshot), std::move(*manifest)};
+  const ByteView map = store->map();
+  // Read-only and shared: LMDB's map of a file.
+  ResidentMap resident(const_cast<std::uint8_t*>(map.data()), map.size());
+  return EarlierPyramid{std::move(*store), std::move(*snapshot), std::move(*manifest), std::move(resident)};
+}
+
+Result<void> EarlierPyramid::check_content(const std::string& path) const {
+  if (manifest.content_hash.empty()) return {};
+  const auto own = store.snapshot();
+  if (!own) return tl::unexpected(own.error());
+  const auto hash = content_hash(*own);
+  if (!hash) return fail(hash.error().kind, path + ": " + hash.error().message);
+  if (*hash == manifest.content_hash) return {};
+  return fail(ErrorKind::kCorrupt, path +
+                                       ": its pieces are not those that its manifest was written for: the file is "
+                                       "damaged; build it anew");
 }
 
 }  // namespace tind

@@ -5,6 +5,7 @@
 
 #include "core/result.hpp"
 #include "storage/manifest.hpp"
+#include "storage/readers/resident_maps.hpp"
 #include "storage/tile_store.hpp"
 
 namespace tind {
@@ -15,9 +16,13 @@ struct EarlierPyramid {
   TileStore store;
   TileStore::Snapshot snapshot;
   Manifest manifest;
+  ResidentMap map;  ///< Its pages count towards a ResidentLimit.
 
   /// kNotFound, kIo, kCorrupt, kUnsupported; the message names the file.
   static Result<EarlierPyramid> open(const std::string& path);
+  /// Reads all pieces and compares their hash with the manifest's (format.md 9; none in files of the first builders).
+  /// kCorrupt, kIo. Any thread.
+  Result<void> check_content(const std::string& path) const;
 };
 
 }  // namespace tind

@@ -85,7 +85,8 @@ class PyramidBuilder {
         progress_from_(progress_from),
         plan_(field_, table_.bottom_level()),
         shard_(plan_, input.shard_index, input.shard_count),
-        borders_(field_.lattice) {
+        borders_(field_.lattice),
+        posts_(field_, table_.bottom_level(), input.threads, input.cancel) {
     const double bottom_m = table_.levels.back().tolerance_m;
     // What rounding may add outside the greedy loop: a post's height is kept as a float, a vertex's in height units.
     const double unit = field_.lattice.height_unit_m();
@@ -259,19 +260,17 @@ class PyramidBuilder {
     }
   }
 
-  // A tile from what is stored of it.
+  // A tile from what is stored of it, whose body was checked elsewhere.
   static Result<TileResult> take_over(const StoredTile& stored) {
     TileResult result;
     auto inputs = decode_inputs(stored.inputs);
     if (!inputs) return tl::unexpected(inputs.error());
-    auto record = unpack_value(stored.body);
-    if (!record) return tl::unexpected(record.error());
-    auto body = decode_body(*record);
-    if (!body) return tl::unexpected(body.error());
+    const auto summary = decode_body_summary(stored.body);
+    if (!summary) return tl::unexpected(summary.error());
     result.made_of = *inputs;
-    result.stats = body->stats;
-    result.n_interior = body->interior.size();
-    result.n_triangles = body->triangles.size();
+    result.stats = summary->stats;
+    result.n_interior = summary->n_interior;
+    result.n_triangles = summary->n_triangles;
     result.value.assign(stored.body.begin(), stored.body.end());
     result.inputs.assign(stored.inputs.begin(), stored.inputs.end());
     return result;
@@ -286,7 +285,7 @@ class PyramidBuilder {
     std::array<std::span<const LineVertex>, 4> borders;
     for (int b = 0; b < 4; ++b) borders[static_cast<std::size_t>(b)] = borders_.border(key, b);
     TileResult result;
-    result.made_of.digest = tile_digest(field_, task, borders, table_.bottom_level() - key.level);
+    result.made_of.digest = tile_digest(field_, posts_, task, borders, table_.bottom_level() - key.level);
     if (earlier) {
       const auto inputs = decode_inputs(earlier->inputs);
       if (inputs && inputs->digest == result.made_of.digest) return take_over(*earlier);
@@ -477,6 +476,7 @@ class PyramidBuilder {
   const ShardTiles shard_;
   RefinementSpec spec_;
   BorderLines borders_;
+  const PostDigests posts_;
   TileKey last_parent_key_;
   ParentPointer last_parent_;
   PyramidOutcome outcome_;

@@ -13,8 +13,8 @@
 namespace tind {
 namespace {
 
-/// Pages come in no faster than this, two threads reading memory at full speed: how soon the limit may be reached.
-constexpr std::uint64_t kMostBytesPerMs = std::uint64_t{4} << 20;
+/// Pages come in no faster than this, threads reading memory at full speed: how soon the limit may be reached.
+constexpr std::uint64_t kMostBytesPerMs = std::uint64_t{32} << 20;
 constexpr std::uint64_t kLeastPauseMs = 1, kMostPauseMs = 20;
 
 }  // namespace

@@ -4,8 +4,10 @@
 #include <algorithm>
 #include <cmath>
 #include <string_view>
+#include <utility>
 #include <vector>
 
+#include "core/drainage/flow_run.hpp"
 #include "storage/builder/digest.hpp"
 #include "storage/builder/version.hpp"
 
@@ -51,18 +53,13 @@ void add_borders(Digest& digest, const std::array<std::span<const LineVertex>, 4
 }
 
 // The grid where it meets the tile and one post more, told as the tile sees it: a grid that grew elsewhere is the same.
-void add_grid(Digest& digest, const HeightField& field, const TileKey& key) {
+void add_posts(Digest& digest, const HeightField& field, const TileKey& key) {
   const double side = static_cast<double>(field.lattice.tile_side(key.level));
   const double width = static_cast<double>(field.lattice.width());
   const double west = side * key.x, south = side * key.y;
   const auto r_low = static_cast<std::int64_t>(std::floor((south - field.y0) / field.dy));
   const auto r_high = static_cast<std::int64_t>(std::ceil((south + side - field.y0) / field.dy));
   const std::int64_t r_first = std::max<std::int64_t>(r_low, 0), r_last = std::min(r_high, field.n_rows - 1);
-  digest.add_value(field.dx);
-  digest.add_value(field.dy);
-  digest.add_value(field.base_height_m);
-  digest.add_value(static_cast<std::int32_t>(field.lattice.level));
-  digest.add_value(static_cast<std::int32_t>(field.lattice.height_exponent));
   for (const double turn : {-width, 0.0, width}) {
     const auto c_low = static_cast<std::int64_t>(std::floor((west - field.x0 - turn) / field.dx));
     const auto c_high = static_cast<std::int64_t>(std::ceil((west + side - field.x0 - turn) / field.dx));
@@ -78,6 +75,40 @@ void add_grid(Digest& digest, const HeightField& field, const TileKey& key) {
       digest.add(field.origins + r * field.n_cols + c_first, n * sizeof(PostOrigin));
     }
   }
+}
+
+// Morton codes of the tiles that add_posts may find a post for, ascending.
+std::vector<std::uint64_t> tiles_near_posts(const HeightField& field, int level) {
+  const double side = static_cast<double>(field.lattice.tile_side(level));
+  const double width = static_cast<double>(field.lattice.width());
+  const auto tiles = [side](double first, double last, std::uint32_t n) {
+    const double end = static_cast<double>(n - 1);
+    const auto low = static_cast<std::uint32_t>(std::clamp(std::floor(first / side), 0.0, end));
+    const bool any = last >= 0 && first <= side * static_cast<double>(n);
+    return std::pair(low, any ? static_cast<std::uint32_t>(std::clamp(std::floor(last / side), 0.0, end)) + 1 : low);
+  };
+  const auto [y_begin, y_end] =
+      tiles(field.y0 - field.dy, field.post_y(field.n_rows - 1) + field.dy, TileKey::count_y(level));
+  std::vector<std::uint64_t> codes;
+  for (const double turn : {-width, 0.0, width}) {
+    const auto [x_begin, x_end] =
+        tiles(field.x0 - field.dx + turn, field.post_x(field.n_cols - 1) + field.dx + turn, TileKey::count_x(level));
+    for (std::uint32_t y = y_begin; y < y_end; ++y) {
+      for (std::uint32_t x = x_begin; x < x_end; ++x) codes.push_back(morton_code(x, y));
+    }
+  }
+  std::sort(codes.begin(), codes.end());
+  codes.erase(std::unique(codes.begin(), codes.end()), codes.end());
+  return codes;
+}
+
+// What the grid is like, whatever its posts are.
+void add_grid(Digest& digest, const HeightField& field, const TileKey& key) {
+  digest.add_value(field.dx);
+  digest.add_value(field.dy);
+  digest.add_value(field.base_height_m);
+  digest.add_value(static_cast<std::int32_t>(field.lattice.level));
+  digest.add_value(static_cast<std::int32_t>(field.lattice.height_exponent));
   // Beyond the last rows the surface may go on to the pole.
   const bool at_south = key.y == 0, at_north = key.y + 1 == TileKey::count_y(key.level);
   digest.add_value(static_cast<std::uint8_t>(field.wraps));
@@ -121,8 +152,42 @@ void add_points(Digest& digest, const HeightField& field, const TileKey& key) {
 
 }  // namespace
 
-std::array<std::uint8_t, 16> tile_digest(const HeightField& field, const TileTask& task,
-                                         const std::array<std::span<const LineVertex>, 4>& borders, int n_gaps) {
+PostDigests::PostDigests(const HeightField& field, int finest_level, int threads, const std::atomic<bool>* cancel)
+    : levels_(static_cast<std::size_t>(finest_level) + 1) {
+  std::vector<Entry>& finest = levels_.back();
+  for (const std::uint64_t code : tiles_near_posts(field, finest_level)) finest.push_back({code, {}});
+  for_each_job({threads, cancel, {}}, static_cast<std::int64_t>(finest.size()), [&](int, std::int64_t job) {
+    Entry& entry = finest[static_cast<std::size_t>(job)];
+    Digest digest;
+    add_posts(
+        digest, field,
+        {static_cast<std::uint8_t>(finest_level), morton_decode_even(entry.code), morton_decode_even(entry.code >> 1)});
+    entry.digest = digest.finish();
+  });
+  for (std::size_t level = levels_.size() - 1; level > 0; --level) {
+    const std::vector<Entry>& finer = levels_[level];
+    for (auto at = finer.begin(); at != finer.end();) {
+      const std::uint64_t parent = at->code / 4;
+      Digest digest;
+      for (; at != finer.end() && at->code / 4 == parent; ++at) {
+        digest.add_value(static_cast<std::uint8_t>(at->code % 4));
+        digest.add(at->digest.data(), at->digest.size());
+      }
+      levels_[level - 1].push_back({parent, digest.finish()});
+    }
+  }
+}
+
+TileInputs::Digest PostDigests::of(const TileKey& key) const {
+  const std::vector<Entry>& level = levels_[key.level];
+  const std::uint64_t code = morton_code(key.x, key.y);
+  const auto at = std::lower_bound(level.begin(), level.end(), code,
+                                   [](const Entry& entry, std::uint64_t wanted) { return entry.code < wanted; });
+  return at != level.end() && at->code == code ? at->digest : TileInputs::Digest{};
+}
+
+TileInputs::Digest tile_digest(const HeightField& field, const PostDigests& posts, const TileTask& task,
+                               const std::array<std::span<const LineVertex>, 4>& borders, int n_gaps) {
   Digest digest;
   constexpr std::string_view kMaker = kGenerator;
   digest.add(kMaker.data(), kMaker.size());
@@ -130,6 +195,8 @@ std::array<std::uint8_t, 16> tile_digest(const HeightField& field, const TileTas
   add_task(digest, task);
   add_borders(digest, borders);
   add_grid(digest, field, task.key);
+  const TileInputs::Digest of_posts = posts.of(task.key);
+  digest.add(of_posts.data(), of_posts.size());
   add_points(digest, field, task.key);
   return digest.finish();
 }

@@ -272,6 +272,18 @@ TEST_F(BuildInterrupted, UpdateBuildsWhatAPatchChangesAndNoMore) {
   for (const auto& level : levels) EXPECT_EQ(level["tiles_built"], 1) << level["level"];
   EXPECT_GE(count_lines(read_file(tiles)), 1u);
   EXPECT_LE(count_lines(read_file(tiles)), levels.size());
+  // Damage is not taken over.
+  const std::string sound = read_file(file);
+  std::string damaged = sound;
+  constexpr std::size_t kPage = 4096;
+  const std::size_t middle = damaged.size() / 2 / kPage * kPage;
+  for (std::size_t k = 0; k < 20; ++k) damaged[middle + k * kPage + kPage / 2] ^= 0x10;  // most of it are bodies
+  write_file(file, damaged);
+  const auto refused = build({"update", file});
+  EXPECT_EQ(refused.status, 1);
+  EXPECT_THAT(refused.err, HasSubstr("damaged"));
+  EXPECT_TRUE(read_file(file) == damaged);
+  write_file(file, sound);
   // An input that is nowhere is named.
   fs::remove(inputs_[1]);
   const auto missing = build({"update", file});

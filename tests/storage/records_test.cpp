@@ -155,6 +155,25 @@ TEST(BodyRecord, ComesBackAndSurvivesDamage) {
   torment(encode_body(body), 16, [](ByteView b) { return decode_body(b).has_value(); });
 }
 
+TEST(BodySummary, IsThatOfTheBodyHoweverPacked) {
+  const TileBody body = large_body();
+  const Bytes record = encode_body(body);
+  Bytes frame = zstd_compress(record, 3);
+  frame.resize(frame.size() / 2);  // it stands at the start
+  for (const Bytes& value : {record, pack_body(body), zstd_compress(record, 1), frame}) {
+    const auto summary = decode_body_summary(value);
+    ASSERT_TRUE(summary);
+    EXPECT_EQ(summary->stats, body.stats);
+    EXPECT_EQ(summary->n_interior, body.interior.size());
+    EXPECT_EQ(summary->n_triangles, body.triangles.size());
+  }
+  EXPECT_TRUE(decode_body_summary(pack_body(TileBody{})));
+  EXPECT_FALSE(decode_body_summary(encode_edge(real_edge())));
+  EXPECT_FALSE(decode_body_summary({}));
+  frame.resize(12);
+  EXPECT_FALSE(decode_body_summary(frame));
+}
+
 TEST(BodyInterior, IsThatOfTheBodyHoweverPacked) {
   const TileBody body = real_body();
   const Bytes record = encode_body(body);
