@@ -15,6 +15,7 @@
 #include "storage/builder/plan_command.hpp"
 #include "storage/builder/report.hpp"
 #include "storage/builder/update_command.hpp"
+#include "storage/builder/version.hpp"
 #include "storage/report/report_command.hpp"
 
 namespace {
@@ -54,7 +55,7 @@ int main(int argc, char** argv) {
   app.add_option("--report", report_path, "Write a report with a table per level")->type_name("FILE.json");
   app.add_flag("--json", json, "Print the report as JSON on standard output");
   app.add_flag("-q,--quiet", quiet, "No progress and no table");
-  app.set_version_flag("--version", "tind-build 0.1.0");
+  app.set_version_flag("--version", std::string(kGenerator));
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& e) {
