@@ -55,7 +55,7 @@ int main(int argc, char** argv) {
   app.add_option("--report", report_path, "Write a report with a table per level")->type_name("FILE.json");
   app.add_flag("--json", json, "Print the report as JSON on standard output");
   app.add_flag("-q,--quiet", quiet, "No progress and no table");
-  app.set_version_flag("--version", std::string(kGenerator));
+  app.set_version_flag("--version", std::string(tind::kGenerator));
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& e) {
