@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <array>
 #include <ctime>
+#include <exception>
 #include <utility>
 
 #include "server/log.hpp"
@@ -109,6 +110,19 @@ void Keeper::wait_until(Clock::time_point deadline) {
 }
 
 void Keeper::run() {
+  while (!stopping_) {
+    try {
+      work();
+    } catch (const std::exception& error) {
+      // Out of memory, most likely. What is served stays; look again soon.
+      log_error(std::string("the files cannot be looked at: ") + error.what());
+      look_at_ = Clock::now() + kSettle;
+      wait_until(*look_at_);
+    }
+  }
+}
+
+void Keeper::work() {
   const bool polls = settings_.watch != "off";
   const auto notify_every = watchdog_interval();
   while (!stopping_) {

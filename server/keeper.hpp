@@ -64,6 +64,7 @@ class Keeper {
  private:
   using Clock = std::chrono::steady_clock;
   void run();
+  void work();
   void wake();
   void wait_until(Clock::time_point deadline);
   void look();

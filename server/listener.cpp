@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <cstdint>
+#include <ctime>
 #include <memory>
 #include <optional>
 #include <thread>
@@ -80,6 +81,7 @@ Result<void> serve(ServeParts parts, const std::function<void(const std::vector<
 
   ConnectionTable connections(settings.max_connections, settings.max_connections_per_address);
   MetricsSources sources;
+  sources.started_s = std::time(nullptr);
   std::vector<std::unique_ptr<Worker>> workers;
   for (std::size_t k = 0; k < n_workers; ++k) {
     workers.push_back(std::make_unique<Worker>(settings, parts.handler, parts.site, connections));

@@ -172,15 +172,7 @@ std::size_t n_open_fds() {
   return n < 3 ? 0 : n - 3;  // itself, "." and ".."
 }
 
-double boot_time_s() {
-  std::ifstream in("/proc/stat");
-  for (std::string line; std::getline(in, line);) {
-    if (line.starts_with("btime ")) return std::strtod(line.c_str() + 6, nullptr);
-  }
-  return 0;
-}
-
-void write_process(Writer& out) {
+void write_process(Writer& out, std::int64_t started_s) {
   std::ifstream in("/proc/self/stat");
   const std::string stat{std::istreambuf_iterator<char>(in), {}};
   // The second field is the program's name in brackets and may hold anything; the third follows its last bracket.
@@ -195,8 +187,7 @@ void write_process(Writer& out) {
   out.single("process_virtual_memory_bytes", "gauge", "Address space; files are mapped into it.", number(23));
   out.single("process_resident_memory_bytes", "gauge", "Memory in use, pages of mapped files included.",
              number(24) * static_cast<std::uint64_t>(::sysconf(_SC_PAGESIZE)));
-  out.single("process_start_time_seconds", "gauge", "When the daemon started, since 1970.",
-             boot_time_s() + ticks_to_seconds(number(22)));
+  out.single("process_start_time_seconds", "gauge", "When the daemon started, since 1970.", started_s);
   out.single("process_open_fds", "gauge", "Open file descriptors.", n_open_fds());
   out.single("process_max_fds", "gauge", "File descriptors allowed.", limit.rlim_cur);
 }
@@ -231,7 +222,7 @@ std::string format_metrics(const MetricsSources& sources) {
   out.family("tind_log_lines_dropped_total", "counter", "Lines that a full disk or a slow reader cost.");
   out.sample(R"(log="error")", n_log_lines_dropped());
   out.sample(R"(log="access")", sources.access_lines_dropped ? sources.access_lines_dropped() : 0);
-  write_process(out);
+  write_process(out, sources.started_s);
   return out.take();
 }
 

@@ -64,6 +64,7 @@ struct MetricsSources {
   const SiteHolder* site = nullptr;
   const Keeper* keeper = nullptr;
   std::function<std::uint64_t()> access_lines_dropped;
+  std::int64_t started_s = 0;  ///< Since 1970.
 };
 
 /// All figures in Prometheus' text format 0.0.4. Thread safe.

@@ -18,6 +18,8 @@ class EventTarget {
   virtual ~EventTarget() = default;
   /// `events`: EPOLLIN and so on.
   virtual void on_events(std::uint32_t events) = 0;
+  /// on_events() threw: memory ran out, or a mistake of ours. Others must not suffer from it.
+  virtual void on_failure() {}
 };
 
 /// One connection: reads into its worker's buffer, answers every complete request in it with one gathered write that
@@ -34,6 +36,7 @@ class Session final : public EventTarget, public TimerEntry {
   Session& operator=(const Session&) = delete;
 
   void on_events(std::uint32_t events) override;
+  void on_failure() override { close(); }
   /// Goes on with requests that were left for later, so that others had their turn.
   void resume();
   /// The timer that the session set went off.

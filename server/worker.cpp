@@ -10,6 +10,7 @@
 #include <cerrno>
 #include <cstring>
 #include <ctime>
+#include <exception>
 #include <system_error>
 #include <utility>
 
@@ -110,6 +111,20 @@ void Worker::watch(int fd, std::uint32_t events, EventTarget& target) {
   checked(::epoll_ctl(epoll_, EPOLL_CTL_ADD, fd, &event));
 }
 
+// What goes wrong on one connection ends that connection, never the daemon.
+template <class Work>
+void Worker::guarded(EventTarget& target, Work&& work) {
+  try {
+    work();
+  } catch (const std::exception& error) {
+    log_error(std::string("a connection was ended: ") + error.what());
+    batch_.clear();
+    response_.reset();
+    n_noted_ = 0;
+    target.on_failure();
+  }
+}
+
 void Worker::run() {
   std::array<epoll_event, kEventsAtOnce> events;
   while (!ended_) {
@@ -118,8 +133,9 @@ void Worker::run() {
     const int n = ::epoll_wait(epoll_, events.data(), kEventsAtOnce, timeout_ms);
     mark_ = Clock::now();
     for (int k = 0; k < n; ++k) {
-      static_cast<EventTarget*>(events[static_cast<std::size_t>(k)].data.ptr)
-          ->on_events(events[static_cast<std::size_t>(k)].events);
+      const epoll_event& event = events[static_cast<std::size_t>(k)];
+      EventTarget& target = *static_cast<EventTarget*>(event.data.ptr);
+      guarded(target, [&] { target.on_events(event.events); });
     }
     if (Clock::now() >= next_tick_) tick();
     resumed_.swap(later_);
@@ -192,7 +208,10 @@ void Worker::tick() {
   state_.begin_batch();  // an idle thread lets go of what was swapped out, too
   counters_.n_open_transactions.store(state_.n_open_transactions(), std::memory_order_relaxed);
   counters_.n_turns.store(static_cast<std::uint64_t>(now_), std::memory_order_relaxed);
-  timers_.advance(now_, [&](TimerEntry& entry) { static_cast<Session&>(entry).on_timer(now_); });
+  timers_.advance(now_, [&](TimerEntry& entry) {
+    auto& session = static_cast<Session&>(entry);
+    guarded(session, [&] { session.on_timer(now_); });
+  });
   if (!accepting_ && !draining_) {
     accepting_ = true;
     for (const auto& listener : listeners_) watch(listener->fd(), EPOLLIN | EPOLLEXCLUSIVE, *listener);

@@ -93,6 +93,8 @@ class Worker {
   void tick();
   void begin_drain();
   void refresh_date();
+  template <class Work>
+  void guarded(EventTarget& target, Work&& work);
 
   const Settings& settings_;
   RequestHandler& handler_;

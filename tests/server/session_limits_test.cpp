@@ -5,6 +5,7 @@
 #include <sys/socket.h>
 
 #include <chrono>
+#include <new>
 #include <thread>
 
 #include "raw_client.hpp"
@@ -56,6 +57,41 @@ class SessionLimitsTest : public testing::Test {
   std::uint16_t port_ = 0;
   std::thread thread_;
 };
+
+// Fails as nothing should, when asked to.
+class ThrowingHandler final : public RequestHandler {
+ public:
+  void handle(const Request& request, WorkerState&, Response& out) override {
+    if (request.target == "/throw") throw std::bad_alloc();
+    text_response(out, 200, "ok");
+  }
+  void refuse(int status, std::string_view why, Response& out) override { problem_response(out, status, why); }
+};
+
+TEST(Worker, WhatIsThrownEndsOneConnectionOnly) {
+  const test::TemporaryDirectory directory;
+  test::write_pyramid(directory.path + "/world.tind");
+  Settings settings;
+  settings.datasets = {directory.path + "/world.tind"};
+  auto catalog = Catalog::open(settings);
+  ASSERT_TRUE(catalog.has_value());
+  ThrowingHandler handler;
+  ConnectionTable connections(100, 0);
+  Worker worker(settings, handler, (*catalog)->holder(), connections);
+  ASSERT_TRUE(worker.listen(resolve_address("127.0.0.1:0").value()).has_value());
+  std::thread thread([&] { worker.run(); });
+  RawClient other(worker.port()), unlucky(worker.port());
+  other.send(kHealth);
+  EXPECT_EQ(other.receive().status, 200);
+  // The first answer of the batch goes down with the second.
+  unlucky.send(kHealth + "GET /throw HTTP/1.1\r\nHost: h\r\n\r\n");
+  EXPECT_TRUE(unlucky.closes_within(3000));
+  other.send(kHealth);
+  EXPECT_EQ(other.receive().body, "ok\n");
+  EXPECT_EQ(connections.n_open(), 1);
+  worker.drain();
+  thread.join();
+}
 
 TEST_F(SessionLimitsTest, AConnectionBringsSoManyRequests) {
   Settings settings;

@@ -14,8 +14,6 @@
 namespace tind::test {
 namespace {
 
-constexpr int kLevels = 2;
-
 std::int32_t height_at(std::int64_t x, std::int64_t y) {
   return static_cast<std::int32_t>(((x >> 7) * 31 + (y >> 7) * 17) % 5000);
 }
@@ -32,10 +30,11 @@ EdgeChain make_edge(const Lattice& lattice, const PieceKey& key, std::uint32_t n
   return edge;
 }
 
-TileBody make_body(const Lattice& lattice, const PieceKey& key, std::uint32_t n_side, bool changed) {
+TileBody make_body(const Lattice& lattice, const PieceKey& key, std::uint32_t n_side, bool changed,
+                   TileCoverage coverage) {
   const std::int64_t side = lattice.tile_side(key.level);
   TileBody body;
-  body.stats.coverage = TileCoverage::kReal;
+  body.stats.coverage = coverage;
   body.stats.max_z = 5000;
   body.n_side = {n_side, n_side, n_side, n_side};
   body.interior = {{side / 2, side / 2, height_at(key.i * side, key.j * side) + (changed ? 777 : 0)}};
@@ -53,37 +52,45 @@ TemporaryDirectory::TemporaryDirectory() {
 }
 TemporaryDirectory::~TemporaryDirectory() { std::filesystem::remove_all(path); }
 
-void write_pyramid(const std::string& path, std::uint32_t n_side, std::optional<TileKey> changed) {
+void write_pyramid(const std::string& path, std::uint32_t n_side, std::optional<TileKey> changed, int n_levels,
+                   const std::function<TileCoverage(const TileKey&)>& coverage) {
   Manifest manifest;
   manifest.generator = "test";
   manifest.attribution = "A & B";
   manifest.vertical_datum = "unknown";
   manifest.mode = "non-standard";
-  manifest.lattice.level = kLevels - 1;
+  manifest.lattice.level = n_levels - 1;
   manifest.lattice.height_exponent = 3;
-  manifest.bottom_level = kLevels - 1;
+  manifest.bottom_level = n_levels - 1;
   manifest.bounds_deg = {-180, -90, 180, 90};
   manifest.spacing_deg = {1, 1};
   auto writer = TileStoreWriter::create(path);
   ASSERT_TRUE(writer.has_value()) << writer.error().message;
-  for (std::uint8_t level = 0; level < kLevels; ++level) {
+  for (std::uint8_t level = 0; level < n_levels; ++level) {
     std::map<PieceKey, Bytes> pieces;
     LevelInfo info;
     info.level = level;
-    info.tolerance_m = level == 0 ? 16 : 8;
+    info.tolerance_m = 8.0 * (1 << (n_levels - 1 - level));
     info.spacing_m = 20;
     info.height_step_m = 0.25;
     for (std::uint32_t y = 0; y < TileKey::count_y(level); ++y) {
-      info.rows.push_back({y, 0, TileKey::count_x(level) - 1, TileCoverage::kReal});
       for (std::uint32_t x = 0; x < TileKey::count_x(level); ++x) {
+        const TileCoverage covers = coverage ? coverage({level, x, y}) : TileCoverage::kReal;
         ++info.n_tiles;
-        ++info.n_real;
+        ++(covers == TileCoverage::kReal      ? info.n_real
+           : covers == TileCoverage::kPartial ? info.n_partial
+                                              : info.n_filler);
+        if (x > 0 && info.rows.back().coverage == covers) {
+          info.rows.back().x_last = x;
+        } else {
+          info.rows.push_back({y, x, x, covers});
+        }
         for (const PieceKey& key : pieces_of({level, x, y})) {
           const PieceKey canonical = key.canonical();
           pieces[canonical] =
               key.kind == PieceKind::kCorner ? encode_corner({height_at(0, key.j)})
               : key.kind == PieceKind::kBody
-                  ? encode_body(make_body(manifest.lattice, key, n_side, changed == TileKey{level, x, y}))
+                  ? encode_body(make_body(manifest.lattice, key, n_side, changed == TileKey{level, x, y}, covers))
                   : encode_edge(make_edge(manifest.lattice, canonical, n_side));
         }
       }
