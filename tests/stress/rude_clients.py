@@ -78,7 +78,7 @@ def pipelines(port, rng, right):
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
     parser.add_argument("programs", type=Programs)
-    parser.add_argument("--rounds", type=int, default=50)
+    parser.add_argument("--rounds", type=int, default=20)
     options = parser.parse_args()
     kinds = (half_close, byte_by_byte, stops_reading, resets, leaves_early, pipelines)
     verdict = Verdict(f"{options.rounds * ROUND} rude clients of each of {len(kinds)} kinds")

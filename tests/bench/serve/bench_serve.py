@@ -32,9 +32,11 @@ from trace import make_trace  # noqa: E402
 
 SERVER_CORE, CLIENT_CORE = 0, 1
 PIPELINE = 8
+MOST_PIPELINED = 64  # connections; more fill the sockets' buffers and measure those
 SAMPLE = 500
 TRACE_USERS, TRACE_S, TRACE_SEED = 60, 600, 1
-TRACE_RATE = 10000  # requests a second that both manage, even cold
+WARM_MOST_S = 60
+TRACE_MOST_S = 600  # for one replay, on however busy a machine
 # What a site with such files would add to every answer; per kind a server of its own, so that nginx looks up no location.
 NGINX_SERVER = """
     types {{}}
@@ -72,6 +74,8 @@ def run(server, case, addresses, connections, seconds, limit=0):
     """One measurement. Stops the program where answers are not what they should be."""
     before = server.cpu_s()
     got = wrk(server.port, addresses, connections, seconds, case.pipeline, KINDS[case.kind][1], limit)
+    if not got["requests"]:
+        sys.exit(f"bench_serve: {case.name}: no answer in {seconds} s")
     got["cpu_us"] = (server.cpu_s() - before) / got["requests"] * 1e6
     got["rate"] = got["requests"] / got["duration_s"]
     wrong = abs(got["requests"] - got["status_errors"]) if case.status == 404 else got["status_errors"]
@@ -119,10 +123,11 @@ FIGURES = {"cpu_us": 1, "rate": -1, "p50_us": 1, "p99_us": 1, "p999_us": 1}
 
 
 def ratios(pairs):
-    """Medians over the pairs of each figure's ratio, above 1 where the daemon is better; and both medians."""
+    """Medians over the pairs of each figure's ratio, above 1 where the daemon is better; and both medians. wrk gives no
+    percentile (0) of so few answers that there is none; a ratio with it is left out."""
     out = {}
     for figure, sign in FIGURES.items():
-        each = [(n[figure] / max(t[figure], 1e-9)) ** sign for n, t in pairs]
+        each = [(n[figure] / t[figure]) ** sign for n, t in pairs if n[figure] and t[figure]] or [float("nan")]
         out[figure] = {"ratio": statistics.median(each), "least": min(each), "most": max(each), "nginx": statistics.median(n[figure] for n, _ in pairs),
                        "tind": statistics.median(t[figure] for _, t in pairs)}
     return out
@@ -138,7 +143,7 @@ def measure(case, export, daemon, nginx, connections, options, folder):
     lists = lists_of(case, export, daemon, folder)
     pairs = []
     for server, addresses in zip((nginx, daemon), lists):
-        run(server, case, addresses, connections, 1)  # warms caches on both sides
+        run(server, case, addresses, connections, WARM_MOST_S, len(addresses.read_text().splitlines()))  # once through, to warm caches on both sides
     for k in range(options.pairs):
         order = [(nginx, lists[0]), (daemon, lists[1])]
         got = [run(server, case, addresses, connections, options.seconds) for server, addresses in (order if k % 2 == 0 else order[::-1])]
@@ -170,7 +175,7 @@ def replay(export, dataset, options, start_daemon, start_nginx, folder):
         for start in ((start_nginx, start_daemon) if k % 2 == 0 else (start_daemon, start_nginx)):
             forget(dataset, export.root / "terrain")
             with start() as server:
-                got[start] = [run(server, case, addresses, 64, 2 + n // TRACE_RATE, n) for _ in range(2)]
+                got[start] = [run(server, case, addresses, 64, TRACE_MOST_S, n) for _ in range(2)]
         for state, heat in enumerate(("cold", "warm")):
             pairs[heat].append((got[start_nginx][state], got[start_daemon][state]))
     for heat in pairs:
@@ -229,6 +234,8 @@ def main():
                 check_same(export, daemon, nginx, kind)
                 for case in cases:
                     for connections in (int(word) for word in options.connections.split(",")):
+                        if case.pipeline > 1 and connections > MOST_PIPELINED:
+                            continue
                         pairs = measure(case, export, daemon, nginx, connections, options, folder)
                         report["cases"].setdefault(case.name, {})[connections] = {"pairs": pairs, "ratios": ratios(pairs)}
                         show(case.name, connections, ratios(pairs))

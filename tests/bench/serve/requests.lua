@@ -6,6 +6,8 @@ local ffi = require("ffi")
 ffi.cdef [[
   typedef struct { long seconds, nanoseconds; } clock_reading;
   int clock_gettime(int clock, clock_reading* reading);
+  int getpid();
+  int kill(int pid, int signal);
 ]]
 
 local requests, at, left = {}, 0, 0
@@ -49,13 +51,14 @@ function request()
   if left == 0 then
     took_s = now_s() - began_s
     wrk.thread:stop()
+    ffi.C.kill(ffi.C.getpid(), 2)  -- SIGINT: else wrk waits for its whole time
   end
   return requests[at]
 end
 
 function done(summary, latency)
   local errors, took_s = summary.errors, only_thread:get("took_s")
-  if took_s == 0 then took_s = summary.duration / 1e6 end  -- wrk waits for its whole time, even when the list is done
+  if took_s == 0 then took_s = summary.duration / 1e6 end
   io.write(string.format(
     '{"requests":%d,"duration_s":%.6f,"bytes":%d,"p50_us":%d,"p99_us":%d,"p999_us":%d,"failed":%d,"status_errors":%d}\n',
     summary.requests, took_s, summary.bytes, latency:percentile(50), latency:percentile(99),
