@@ -148,16 +148,19 @@ TileStore::Cursor& TileStore::Cursor::operator=(Cursor&&) noexcept = default;
 TileStore::Cursor::~Cursor() = default;
 
 Result<std::optional<TileStore::Piece>> TileStore::Cursor::next() {
-  MDB_val k{}, v{};
-  const int code = mdb_cursor_get(impl_->cursor, &k, &v, impl_->started ? MDB_NEXT : MDB_FIRST);
-  impl_->started = true;
-  if (code == MDB_NOTFOUND) return std::nullopt;
-  if (code != 0) return fail(ErrorKind::kIo, std::string("reading failed: ") + mdb_strerror(code));
-  const ByteView key(static_cast<const std::uint8_t*>(k.mv_data), k.mv_size);
-  if (is_manifest_key(key)) return std::nullopt;  // the last key
-  const auto piece = parse_piece_key(key);
-  if (!piece) return fail(ErrorKind::kCorrupt, "a key that is no piece's");
-  return Piece{*piece, ByteView(static_cast<const std::uint8_t*>(v.mv_data), v.mv_size)};
+  for (;;) {
+    MDB_val k{}, v{};
+    const int code = mdb_cursor_get(impl_->cursor, &k, &v, impl_->started ? MDB_NEXT : MDB_FIRST);
+    impl_->started = true;
+    if (code == MDB_NOTFOUND) return std::nullopt;
+    if (code != 0) return fail(ErrorKind::kIo, std::string("reading failed: ") + mdb_strerror(code));
+    const ByteView key(static_cast<const std::uint8_t*>(k.mv_data), k.mv_size);
+    if (is_manifest_key(key)) return std::nullopt;  // the last key
+    if (is_unknown_kind(key)) continue;
+    const auto piece = parse_piece_key(key);
+    if (!piece) return fail(ErrorKind::kCorrupt, "a key that is no piece's");
+    return Piece{*piece, ByteView(static_cast<const std::uint8_t*>(v.mv_data), v.mv_size)};
+  }
 }
 
 TileStore::TileStore(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}

@@ -56,7 +56,8 @@ class TileStore {
     Cursor(Cursor&&) noexcept;
     Cursor& operator=(Cursor&&) noexcept;
     ~Cursor();
-    /// The next piece; nullopt at the end. kCorrupt on a key that no builder writes. The view is the snapshot's.
+    /// The next piece of a kind that this version knows; nullopt at the end. kCorrupt on a key that no builder writes.
+    /// The view is the snapshot's.
     Result<std::optional<Piece>> next();
 
    private:

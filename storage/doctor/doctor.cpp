@@ -161,10 +161,7 @@ class Doctor {
     if (key.level > manifest_.bottom_level) {
       return fault(name_of(key), fmt::format("lies below the bottom level {}", manifest_.bottom_level));
     }
-    const auto tiles = tiles_of(key);
-    if (std::none_of(tiles.begin(), tiles.end(), [&](const TileKey& tile) { return tiles_->has(tile); })) {
-      fault(name_of(key), "belongs to no stored tile");
-    }
+    if (!tiles_->has_any_of(key)) fault(name_of(key), "belongs to no stored tile");
     LevelTally& tally = tallies_[key.level];
     const auto broken = [&](const Error& error) {
       fault(name_of(key), error.message);

@@ -3,8 +3,6 @@
 
 #include <fmt/format.h>
 
-#include <algorithm>
-
 namespace tind {
 
 std::string name_of(const TileKey& tile) { return fmt::format("tile {}/{}/{}", tile.level, tile.x, tile.y); }
@@ -16,12 +14,10 @@ std::string name_of(const PieceKey& piece) {
   constexpr const char* kNames[] = {"corner", "edge h", "edge v"};
   std::string text =
       fmt::format("{} {}/{}/{} of ", kNames[static_cast<std::size_t>(piece.kind)], piece.level, piece.i, piece.j);
-  constexpr std::size_t kMostTiles = 4;  // a pole has a whole row
+  if (is_pole(piece)) return text + "all tiles at the " + (piece.j == 0 ? "south" : "north") + " pole";
   const std::vector<TileKey> tiles = tiles_of(piece);
-  for (std::size_t k = 0; k < std::min(tiles.size(), kMostTiles); ++k) {
-    text += (k == 0 ? "" : ", ") + name_of(tiles[k]);
-  }
-  return text + (tiles.size() > kMostTiles ? ", .." : "");
+  for (std::size_t k = 0; k < tiles.size(); ++k) text += (k == 0 ? "" : ", ") + name_of(tiles[k]);
+  return text;
 }
 
 }  // namespace tind

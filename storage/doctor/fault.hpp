@@ -16,6 +16,11 @@ struct Fault {
 
 using Faults = std::vector<Fault>;
 
+/// A corner that a whole row of tiles has: up to 2^29 of them, so nobody should list them.
+constexpr bool is_pole(const PieceKey& piece) {
+  return piece.kind == PieceKind::kCorner && (piece.j == 0 || piece.j == TileKey::count_y(piece.level));
+}
+
 /// "tile 12/3/4"
 std::string name_of(const TileKey& tile);
 /// A piece and, for people who look for tiles, the tiles that it belongs to: "corner 12/3/4 of tile 12/3/4, 12/2/4,

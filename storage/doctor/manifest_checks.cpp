@@ -45,7 +45,8 @@ class ManifestCheck {
   // Members that a Manifest leaves out because they are always the same.
   void check_json(ByteView text) {
     const auto json = nlohmann::json::parse(text.begin(), text.end(), nullptr, false);
-    if (json.value("horizontal_crs", "") != "EPSG:4326") fault("horizontal_crs: not \"EPSG:4326\"");
+    if (!json.contains("horizontal_crs") || json["horizontal_crs"] != "EPSG:4326")
+      fault("horizontal_crs: not \"EPSG:4326\"");
     if (!json.contains("options") || !json["options"].is_object()) fault("options: not an object");
   }
 

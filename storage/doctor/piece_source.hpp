@@ -25,6 +25,8 @@ class StoredTiles {
     const auto& codes = codes_[tile.level];
     return std::binary_search(codes.begin(), codes.end(), morton_code(tile.x, tile.y));
   }
+  /// True iff a tile that the piece belongs to is stored. Precondition: canonical.
+  bool has_any_of(const PieceKey& piece) const;
   std::size_t n_levels() const { return codes_.size(); }
   std::size_t n_tiles(std::size_t level) const { return codes_[level].size(); }
   /// The k-th tile of a level in storage order.

@@ -80,7 +80,8 @@ void DamagedStore::renew_hash() {
   Fnv1a hash;
   std::map<std::size_t, std::uint64_t> n_bytes;
   for (const auto& [key, value] : records_) {
-    if (key.size() != 10 || key[9] > static_cast<std::uint8_t>(PieceKind::kBody)) continue;
+    const auto piece = parse_piece_key(key);
+    if (!piece || piece->kind == PieceKind::kInputs) continue;
     hash.add(key);
     hash.add(value);
     n_bytes[key[0]] += value.size();

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
+#include <algorithm>
 #include <filesystem>
 #include <functional>
 #include <map>
@@ -15,6 +16,14 @@
 
 namespace tind::test {
 
+/// LMDB's order of keys. (g++ 12 warns of vector's own comparison.)
+struct ByteOrder {
+  bool operator()(const Bytes& a, const Bytes& b) const {
+    return std::lexicographical_compare(a.begin(), a.end(), b.begin(), b.end());
+  }
+};
+using Records = std::map<Bytes, Bytes, ByteOrder>;
+
 /// All records of a `.tind` file, to be changed and written anew: damage planted with LMDB's own hands.
 class DamagedStore {
  public:
@@ -24,7 +33,7 @@ class DamagedStore {
   static Bytes key_of(const PieceKey& key);
   Bytes& value(const PieceKey& key);
   void erase(const PieceKey& key);
-  std::map<Bytes, Bytes>& records() { return records_; }
+  Records& records() { return records_; }
 
   /// The record of a piece, decoded, changed and packed again.
   void change_corner(const PieceKey& key, const std::function<void(Corner&)>& change);
@@ -42,7 +51,7 @@ class DamagedStore {
   void write(const std::string& path) const;
 
  private:
-  std::map<Bytes, Bytes> records_;
+  Records records_;
 };
 
 }  // namespace tind::test
