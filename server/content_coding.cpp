@@ -12,7 +12,7 @@ namespace {
 
 // Answers are packed while the client waits: levels where time still buys size.
 constexpr int kZstdLevel = 5;
-constexpr int kGzipLevel = 6;
+constexpr int kGzipLevel = 5;
 constexpr int kGzipWindowBits = 15 + 16;  // zlib's way to say: with a gzip header
 constexpr int kMemoryLevel = 8;
 
