@@ -15,7 +15,8 @@ namespace {
 constexpr int kDay_s = 86400;
 
 const auto kOptions = std::to_array<OptionSpec>({
-    {"listen", "HOST:PORT", "address to listen on; port 0 takes a free one", &Settings::listen},
+    {"listen", "HOST:PORT",
+     "addresses to listen on, HOST:PORT or unix:PATH, separated by commas; port 0 takes a free one", &Settings::listen},
     {"threads", "N", "worker threads; 0: one per core", &Settings::threads, 0, 1024},
     {"cesium", "DIR", "CesiumJS for the globe page (npm's cesium/Build/Cesium)", &Settings::cesium},
     {"max_connections", "N", "open connections; further ones are answered 503", &Settings::max_connections, 1, 1000000},

@@ -36,7 +36,7 @@ struct DatasetSpec {
 /// Everything that can be set about the daemon. The initial values are the defaults.
 struct Settings {
   std::vector<DatasetSpec> datasets;
-  std::string listen = "127.0.0.1:8080";  ///< HOST:PORT; an IPv6 host in brackets; port 0 takes a free one.
+  std::string listen = "127.0.0.1:8080";  ///< HOST:PORT or unix:PATH, separated by commas; an IPv6 host in brackets.
   int threads = 0;                        ///< Worker threads; 0: one per core.
   std::string cesium;                     ///< Directory with CesiumJS (npm's cesium/Build/Cesium); empty: none.
   int max_connections = 10000;            ///< Open connections; further ones are answered 503.

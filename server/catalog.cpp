@@ -231,6 +231,7 @@ void Catalog::tell_once(const std::vector<ScanProblem>& problems) {
 }
 
 void Catalog::publish() {
+  lists_stale_ = false;
   std::vector<std::shared_ptr<DatasetSlot>> slots;
   for (const auto& [name, slot] : slots_) slots.push_back(slot);
   auto site = make_site(std::move(slots), cesium_root_);
@@ -246,10 +247,11 @@ bool Catalog::read_ahead() {
   for (const auto& [name, slot] : slots_) {
     if (slot->summary() || slot->has_failed()) continue;
     if (const auto read = slot->read_summary(); !read) log_error(read.error().message);
+    lists_stale_ = true;
     return true;
   }
   read_ahead_done_ = true;
-  publish();  // with lists that say all
+  if (lists_stale_) publish();
   return false;
 }
 

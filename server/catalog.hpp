@@ -67,6 +67,7 @@ class Catalog {
   std::set<std::string> missing_once_;          ///< Names whose file was gone at the last look.
   std::set<std::string> told_;                  ///< Messages of problems that are still there.
   bool read_ahead_done_ = false;
+  bool lists_stale_ = false;  ///< Something was read ahead that the lists do not say yet.
   std::unique_ptr<SiteHolder> holder_;
 };
 
