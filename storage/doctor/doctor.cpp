@@ -106,7 +106,8 @@ class Doctor {
     const auto json = unpack_strictly(manifest_value);
     auto manifest = json ? decode_manifest(*json) : tl::unexpected(json.error());
     if (!manifest) {
-      fault("manifest", manifest.error().message);
+      const std::string prefix = "manifest: ", &text = manifest.error().message;
+      fault("manifest", text.starts_with(prefix) ? text.substr(prefix.size()) : text);
       return false;
     }
     manifest_ = std::move(*manifest);

@@ -270,7 +270,7 @@ TEST_F(DoctorTest, FindsEachWrongMemberOfTheManifest) {
   EXPECT_TRUE(has_fault(check(none), "manifest", "missing"));
   DamagedStore broken(path("sound.tind"));
   broken.records()[{0xff, 'm'}] = {'{'};
-  EXPECT_TRUE(has_fault(check(broken), "manifest", "manifest"));
+  EXPECT_TRUE(has_fault(check(broken), "manifest", "json"));
 }
 
 TEST_F(DoctorTest, FindsFilesThatAreCutOffOrNoneAtAll) {
@@ -387,6 +387,24 @@ TEST_F(DoctorTest, CommandSaysSoundOrDamagedByStatusTextAndJson) {
   EXPECT_EQ(parsed[0]["sound"], true);
   EXPECT_EQ(parsed[1]["sound"], false);
   EXPECT_EQ(parsed[1]["faults"].size(), parsed[1]["n_faults"].get<std::size_t>());
+}
+
+TEST_F(DoctorTest, KnowsThatShardsLackWhatOthersHave) {
+  for (int k = 0; k < 3; ++k) {
+    BuildOptions options;
+    options.source.inputs = {TIND_TEST_DATA "/sangre_de_cristo.tif"};
+    options.output = path("shard.tind");
+    options.lines.drainage = false;
+    options.shard = {k, 3};
+    options.force = true;
+    Progress silent(nullptr);
+    ASSERT_TRUE(build_pyramid(options, silent));
+    EXPECT_TRUE(check(options.output).is_sound()) << k << '\n' << text_of(check(options.output));
+    // Said to be whole, it is not.
+    DamagedStore store(options.output);
+    store.change_manifest([](json& j) { j.erase("shard"); });
+    EXPECT_TRUE(has_fault(check(store), "tile ", "sibling")) << k << '\n' << text_of(check(store));
+  }
 }
 
 TEST_F(DoctorTest, FindsTheSameWithAnyNumberOfThreads) {
