@@ -47,15 +47,17 @@ struct Settings {
   int max_connections_per_address = 0;    ///< Open connections of one IPv4 address or IPv6 /64 network; 0: no limit.
   int max_requests_per_connection = 0;    ///< The answer to the last one closes the connection; 0: no limit.
   int min_send_rate_bytes_s = 1024;       ///< Of a waiting answer, averaged over request_timeout_s; 0: any progress.
-  std::string cors_origins = "*";         ///< "*", or origins separated by commas; empty: none.
-  int cache_mb = 512;                     ///< Memory for finished answers; 0: none.
-  std::string admin_listen;               ///< As `listen`: metrics, reload, health, datasets; empty: none.
-  std::string watch = "auto";             ///< "auto": inotify and polling; "poll"; "off".
-  int poll_interval_s = 10;               ///< Seconds between two looks at the files where nothing tells of a change.
-  int max_open_datasets = 256;            ///< Files mapped at a time; the others open when they are asked for.
-  std::string log_level = "info";         ///< "debug", "info", "warning" or "error".
-  std::string log_format = "text";        ///< "text" or "json", a line each.
-  std::string access_log;                 ///< A file, or "-" for standard output; empty: none.
+  std::string public_url;                 ///< "https://example.org/terrain"; empty: links are relative.
+  std::string trust_proxy = "off";  ///< "on": what Forwarded and X-Forwarded-* say counts where public_url is empty.
+  std::string cors_origins = "*";   ///< "*", or origins separated by commas; empty: none.
+  int cache_mb = 512;               ///< Memory for finished answers; 0: none.
+  std::string admin_listen;         ///< As `listen`: metrics, reload, health, datasets; empty: none.
+  std::string watch = "auto";       ///< "auto": inotify and polling; "poll"; "off".
+  int poll_interval_s = 10;         ///< Seconds between two looks at the files where nothing tells of a change.
+  int max_open_datasets = 256;      ///< Files mapped at a time; the others open when they are asked for.
+  std::string log_level = "info";   ///< "debug", "info", "warning" or "error".
+  std::string log_format = "text";  ///< "text" or "json", a line each.
+  std::string access_log;           ///< A file, or "-" for standard output; empty: none.
 
   friend bool operator==(const Settings&, const Settings&) = default;
 };

@@ -198,7 +198,9 @@ void send(Response& out, std::string_view cache_control, const std::shared_ptr<c
 }  // namespace
 
 Handler::Handler(const Settings& settings)
-    : cache_(static_cast<std::size_t>(settings.cache_mb) * kMegabyte), cross_origin_(settings.cors_origins) {}
+    : cache_(static_cast<std::size_t>(settings.cache_mb) * kMegabyte),
+      cross_origin_(settings.cors_origins),
+      public_address_(settings) {}
 
 // The representation, coded: made by `make` (-> Result<Bytes>) and kept in the cache.
 template <class Make>
@@ -227,6 +229,23 @@ void Handler::document(Context& context, const Document& document) {
   coded(context, cache_key(hash, Kind::kDocument, context.wanted),
         {document.content_type, tag.view(), "Accept-Encoding"},
         [&]() -> Result<Bytes> { return Bytes(document.text.begin(), document.text.end()); });
+}
+
+// The same with absolute links where somebody has said what clients call us: `make_absolute` (text, base -> text).
+template <class MakeAbsolute>
+void Handler::linked_document(Context& context, const Document& document, MakeAbsolute&& make_absolute) {
+  const std::string base = public_address_.base_for(context.request);
+  const std::uint64_t hash = base.empty() ? hash_text(document.etag_base)
+                                          : hash_numbers(std::array{hash_text(document.etag_base), hash_text(base)});
+  const Tag tag(hash, "d", context.wanted);
+  const char* vary = public_address_.depends_on_request()
+                         ? "Accept-Encoding, Forwarded, X-Forwarded-Proto, X-Forwarded-Host, X-Forwarded-Prefix"
+                         : "Accept-Encoding";
+  coded(context, cache_key(hash, Kind::kDocument, context.wanted), {document.content_type, tag.view(), vary},
+        [&]() -> Result<Bytes> {
+          const std::string text = base.empty() ? document.text : make_absolute(document.text, base);
+          return Bytes(text.begin(), text.end());
+        });
 }
 
 void Handler::cesium(Context& context, std::string_view path) {
@@ -392,49 +411,52 @@ void Handler::answer(Context& context) {
       }
     });
   };
-  std::visit(Overloaded{[&](const IndexRoute&) { document(context, site.index); },
-                        [&](const DatasetsRoute&) {
-                          const auto page = list_page(context.target.query, site.lists.size());
-                          page ? document(context, site.lists[*page]) : context.not_found("no such page");
-                        },
-                        [&](const ScriptRoute&) { document(context, site.script); },
-                        [&](const StyleRoute&) { document(context, site.style); },
-                        [&](const HealthRoute&) { text_response(out, kOk, "ok", kNever); },
-                        [&](const ReadyRoute&) {
-                          if (!draining_) return text_response(out, kOk, "ready", kNever);
-                          problem_response(out, kUnavailable, "stopping", context.request.target, kNever);
-                        },
-                        [&](const CesiumRoute& r) { cesium(context, r.path); },
-                        [&](const DirectoryRoute& r) {
-                          with_dataset(r.name, [&](const ServedDataset&) {
-                            // Relative, for the sake of proxies that serve us below another path.
-                            text_response(out, kMovedPermanently, "moved",
-                                          fmt::format("Location: {}/\r\n", percent_encode(r.name)));
-                          });
-                        },
-                        [&](const DocumentRoute& r) {
-                          with_dataset(r.name, [&](const ServedDataset& served) {
-                            document(context, r.document == DatasetDocument::kGlobe  ? site.globe
-                                              : r.document == DatasetDocument::kMeta ? served.meta
-                                                                                     : served.layer);
-                          });
-                        },
-                        [&](const TileRoute& r) {
-                          with_tile(r.name, r.key, [&](const ServedDataset& served) {
-                            if (r.format == TileFormat::kTerrain) return terrain(context, served, r.key);
-                            if (r.format == TileFormat::kParts) return parts(context, served, r.key);
-                            encoded(context, served, r.key, EncodedFormat::kVn);
-                          });
-                        },
-                        [&](const PieceRoute& r) {
-                          with_dataset(r.name, [&](const ServedDataset& served) { piece(context, served, r.key); });
-                        },
-                        [&](const CodesRoute& r) {
-                          with_tile(r.name, r.key, [&](const ServedDataset& served) {
-                            encoded(context, served, r.key, EncodedFormat::kCodes);
-                          });
-                        }},
-             context.target.route);
+  std::visit(
+      Overloaded{
+          [&](const IndexRoute&) { document(context, site.index); },
+          [&](const DatasetsRoute&) {
+            const auto page = list_page(context.target.query, site.lists.size());
+            page ? linked_document(context, site.lists[*page], absolute_list) : context.not_found("no such page");
+          },
+          [&](const ScriptRoute&) { document(context, site.script); },
+          [&](const StyleRoute&) { document(context, site.style); },
+          [&](const HealthRoute&) { text_response(out, kOk, "ok", kNever); },
+          [&](const ReadyRoute&) {
+            if (!draining_) return text_response(out, kOk, "ready", kNever);
+            problem_response(out, kUnavailable, "stopping", context.request.target, kNever);
+          },
+          [&](const CesiumRoute& r) { cesium(context, r.path); },
+          [&](const DirectoryRoute& r) {
+            with_dataset(r.name, [&](const ServedDataset&) {
+              // Relative, for the sake of proxies that serve us below another path.
+              text_response(out, kMovedPermanently, "moved", fmt::format("Location: {}/\r\n", percent_encode(r.name)));
+            });
+          },
+          [&](const DocumentRoute& r) {
+            with_dataset(r.name, [&](const ServedDataset& served) {
+              if (r.document == DatasetDocument::kLayer) {
+                return linked_document(context, served.layer, [&](const std::string& text, const std::string& base) {
+                  return absolute_layer(text, base, percent_encode(r.name));
+                });
+              }
+              document(context, r.document == DatasetDocument::kGlobe ? site.globe : served.meta);
+            });
+          },
+          [&](const TileRoute& r) {
+            with_tile(r.name, r.key, [&](const ServedDataset& served) {
+              if (r.format == TileFormat::kTerrain) return terrain(context, served, r.key);
+              if (r.format == TileFormat::kParts) return parts(context, served, r.key);
+              encoded(context, served, r.key, EncodedFormat::kVn);
+            });
+          },
+          [&](const PieceRoute& r) {
+            with_dataset(r.name, [&](const ServedDataset& served) { piece(context, served, r.key); });
+          },
+          [&](const CodesRoute& r) {
+            with_tile(r.name, r.key,
+                      [&](const ServedDataset& served) { encoded(context, served, r.key, EncodedFormat::kCodes); });
+          }},
+      context.target.route);
 }
 
 void Handler::handle(const Request& request, WorkerState& worker, Response& out) {

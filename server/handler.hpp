@@ -6,6 +6,7 @@
 
 #include "config/settings.hpp"
 #include "server/cross_origin.hpp"
+#include "server/public_address.hpp"
 #include "server/request.hpp"
 #include "server/response.hpp"
 #include "server/response_cache.hpp"
@@ -43,6 +44,8 @@ class Handler final : public RequestHandler {
   struct Representation;
   void answer(Context& context);
   void document(Context& context, const Document& document);
+  template <class MakeAbsolute>
+  void linked_document(Context& context, const Document& document, MakeAbsolute&& make_absolute);
   void cesium(Context& context, std::string_view path);
   void encoded(Context& context, const ServedDataset& served, const TileKey& key, EncodedFormat format);
   void terrain(Context& context, const ServedDataset& served, const TileKey& key);
@@ -53,6 +56,7 @@ class Handler final : public RequestHandler {
 
   ResponseCache cache_;
   CrossOrigin cross_origin_;
+  PublicAddress public_address_;
   std::atomic<bool> draining_ = false;
 };
 

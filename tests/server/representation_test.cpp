@@ -194,6 +194,43 @@ TEST_F(RepresentationTest, OneFrameIsWhatAllAnswersAre) {
   EXPECT_EQ(body_of(one), body_of(get("/world/1/2/1.vn", {{kAcceptEncoding, "zstd"}})));
 }
 
+TEST_F(RepresentationTest, LinksAreAbsoluteWhereSomebodySaysWhereWeAre) {
+  const auto tile = [&](const Fields& fields) {
+    return nlohmann::json::parse(body_of(get("/world/layer.json", fields))).at("tiles")[0].get<std::string>();
+  };
+  const auto link = [&](const Fields& fields) {
+    return nlohmann::json::parse(body_of(get("/datasets", fields)))
+        .at("datasets")[0]
+        .at("links")
+        .at("meta")
+        .get<std::string>();
+  };
+  const Fields forwarded = {
+      {kForwardedProto, "https"}, {kForwardedHost, "a.example:8443, inner"}, {kForwardedPrefix, "/geo/"}};
+  EXPECT_THAT(tile(forwarded), testing::StartsWith("{z}/")) << "nobody trusts it";
+  const std::string relative = etag("/world/layer.json");
+
+  Settings settings;
+  settings.trust_proxy = "on";
+  handler_ = std::make_unique<Handler>(settings);
+  EXPECT_THAT(tile(forwarded), testing::StartsWith("https://a.example:8443/geo/world/{z}/{x}/{y}.terrain?v="));
+  EXPECT_EQ(link(forwarded), "https://a.example:8443/geo/world/meta.json");
+  EXPECT_NE(etag("/world/layer.json", forwarded), relative);
+  EXPECT_THAT(field(get("/world/layer.json"), "Vary"), HasSubstr("X-Forwarded-Host"));
+  EXPECT_THAT(tile({{kForwarded, "for=1.2.3.4;Proto=https;host=\"[2001:db8::1]:80\", for=x;host=y"}}),
+              testing::StartsWith("https://[2001:db8::1]:80/world/"));
+  for (const Fields& nothing : {Fields{}, Fields{{kForwardedProto, "https"}}, Fields{{kForwardedHost, "a\"b"}},
+                                Fields{{kForwardedHost, "a"}, {kForwardedProto, "javascript"}},
+                                Fields{{kForwardedHost, "a"}, {kForwardedPrefix, "no slash"}},
+                                Fields{{kForwardedHost, std::string(300, 'a')}}, Fields{{kForwarded, "host=;proto"}}}) {
+    EXPECT_THAT(tile(nothing), testing::StartsWith("{z}/"));
+  }
+  settings.public_url = "http://b.example/x/";
+  handler_ = std::make_unique<Handler>(settings);
+  EXPECT_THAT(tile(forwarded), testing::StartsWith("http://b.example/x/world/{z}/"));
+  EXPECT_EQ(field(get("/world/layer.json"), "Vary"), "Accept-Encoding");
+}
+
 TEST_F(RepresentationTest, OriginsMayBeAFewOrNone) {
   Settings settings;
   settings.cors_origins = "https://a.example, https://b.example:8443";
