@@ -8,8 +8,10 @@
 #include <chrono>
 #include <cstdlib>
 #include <filesystem>
+#include <functional>
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <random>
 #include <thread>
 
@@ -52,8 +54,9 @@ class BuildInterrupted : public BuildProgram {
     return arguments;
   }
 
-  // Runs the build and sends it `signal` after a while; its status.
-  static int build_and_kill(const std::vector<std::string>& arguments, int signal, double after_s) {
+  // Runs the build and sends it `signal` as soon as `is_time` says so; its status.
+  static int build_and_kill(const std::vector<std::string>& arguments, int signal,
+                            const std::function<bool()>& is_time) {
     const pid_t child = fork();
     if (child == 0) {
       std::vector<std::string> all = arguments;
@@ -66,11 +69,28 @@ class BuildInterrupted : public BuildProgram {
       execv(path.c_str(), argv.data());
       _exit(127);
     }
-    std::this_thread::sleep_for(std::chrono::duration<double>(after_s));
-    kill(child, signal);
     int status = 0;
+    while (!is_time()) {
+      if (waitpid(child, &status, WNOHANG) == child) return WIFEXITED(status) ? WEXITSTATUS(status) : -1;
+      std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    }
+    kill(child, signal);
     waitpid(child, &status, 0);
     return WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
+  }
+
+  // After a while; says nothing about how far a build has come on a machine that others use.
+  static std::function<bool()> after(double seconds) {
+    const auto end = std::chrono::steady_clock::now() + std::chrono::duration<double>(seconds);
+    return [end] { return std::chrono::steady_clock::now() >= end; };
+  }
+  // When so much of the output is on disk.
+  static std::function<bool()> when_stored(const std::string& to, std::uintmax_t n_bytes) {
+    return [to, n_bytes] {
+      std::error_code code;
+      const auto size = fs::file_size(to + ".partial", code);
+      return !code && size >= n_bytes;
+    };
   }
 
   // The same command with --resume ends with the whole build's bytes and leaves nothing beside them.
@@ -94,14 +114,19 @@ TEST_F(BuildInterrupted, KilledAtAnyMomentItGoesOnToTheSameBytes) {
   for (int k = 0; k < n_kills(); ++k) {
     const std::string to = folder.file(fmt::format("killed{}.tind", k));
     const int signal = k % 3 == 2 ? SIGTERM : SIGKILL;
-    const double after = when(random) * seconds_;
-    const int status = build_and_kill(command(to), signal, after);
+    // At a moment of the work, or of the clock: the work leaves out what comes before the first tile.
+    const double share = when(random);
+    const bool by_clock = k % 4 == 1;
+    const int status = build_and_kill(
+        command(to), signal,
+        by_clock ? after(share * seconds_)
+                 : when_stored(to, static_cast<std::uintmax_t>(share * 0.9 * static_cast<double>(bytes_.size()))));
     n_stopped += status != 0;
     std::error_code code;
     n_with_work += fs::file_size(to + ".partial", code) > 1'000'000 && !code;
     // Now and then the second run is killed, too.
-    if (k % 4 == 3) build_and_kill(command(to, {"--resume"}), SIGKILL, when(random) * seconds_);
-    expect_resumed(to, fmt::format("signal {} after {:.3f} s", signal, after));
+    if (k % 4 == 3) build_and_kill(command(to, {"--resume"}), SIGKILL, after(when(random) * seconds_));
+    expect_resumed(to, fmt::format("signal {} at {:.3f} of the {}", signal, share, by_clock ? "time" : "work"));
     fs::remove(to);
   }
   EXPECT_GT(n_stopped, n_kills() / 2);
@@ -170,7 +195,7 @@ TEST_F(BuildInterrupted, FullDiskThenGoesOn) {
 
 TEST_F(BuildInterrupted, StoppedBuildIsNotDroppedWithoutAWord) {
   const std::string to = folder.file("stopped.tind");
-  ASSERT_EQ(build_and_kill(command(to), SIGKILL, seconds_ * 0.7), 128 + SIGKILL);
+  ASSERT_EQ(build_and_kill(command(to), SIGKILL, when_stored(to, bytes_.size() / 2)), 128 + SIGKILL);
   ASSERT_TRUE(fs::exists(to + ".partial"));
   const auto again = build(command(to));
   EXPECT_EQ(again.status, 1);
@@ -194,9 +219,14 @@ TEST_F(BuildInterrupted, StoppedBuildIsNotDroppedWithoutAWord) {
 
 TEST_F(BuildInterrupted, TermStopsWithinSecondsAndSaysHowToGoOn) {
   const std::string to = folder.file("term.tind");
-  const auto start = std::chrono::steady_clock::now();
-  EXPECT_EQ(build_and_kill(command(to), SIGTERM, seconds_ * 0.5), kInterrupted);
-  EXPECT_LT(std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count(), seconds_ * 0.5 + 10);
+  std::optional<std::chrono::steady_clock::time_point> told;
+  const auto is_time = [&told, stored = when_stored(to, bytes_.size() / 3)] {
+    if (stored()) told = std::chrono::steady_clock::now();
+    return told.has_value();
+  };
+  EXPECT_EQ(build_and_kill(command(to), SIGTERM, is_time), kInterrupted);
+  ASSERT_TRUE(told);
+  EXPECT_LT(std::chrono::steady_clock::now() - *told, std::chrono::seconds(10));
   EXPECT_FALSE(fs::exists(to));
   expect_resumed(to, "SIGTERM");
 }
