@@ -28,8 +28,8 @@ constexpr double kReadShare = 0.08;
 constexpr double kLineShare = 0.1;
 // Pages of posts and of the store are dropped beyond such a share of BuildOptions::memory_bytes: looking and dropping
 // take a moment, in which drainage and loading touch more than tiles do.
-constexpr double kMapsWhileReading = 0.44;
-constexpr double kMapsWhileBuilding = 0.52;
+constexpr double kMapsWhileReading = 0.4;
+constexpr double kMapsWhileBuilding = 0.48;
 
 double seconds_since(std::chrono::steady_clock::time_point start) {
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
