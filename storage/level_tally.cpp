@@ -8,6 +8,15 @@
 
 namespace tind {
 
+LevelInfo uncounted(const LevelInfo& level) {
+  LevelInfo info;
+  info.level = level.level;
+  info.tolerance_m = level.tolerance_m;
+  info.spacing_m = level.spacing_m;
+  info.height_step_m = level.height_step_m;
+  return info;
+}
+
 LevelTally::LevelTally(LevelInfo info, double semi_major_m)
     : info_(std::move(info)),
       seeds_per_axis_(static_cast<std::uint64_t>(seed_segments(info_.level, info_.tolerance_m, semi_major_m) - 1)) {}

@@ -10,11 +10,14 @@
 
 namespace tind {
 
+/// What of a level is given, not counted: level, tolerance_m, spacing_m and height_step_m; the rest is zero.
+LevelInfo uncounted(const LevelInfo& level);
+
 /// Counts the pieces of one level, in storage order, into what the manifest says of it. What is written tile by tile,
 /// taken over from an earlier file or merged from shards is counted by the same sums in the same order.
 class LevelTally {
  public:
-  /// `info`: level, tolerance_m, spacing_m and height_step_m set, the rest zero. `semi_major_m`: of the ellipsoid.
+  /// `info`: as uncounted() makes it. `semi_major_m`: of the ellipsoid.
   LevelTally(LevelInfo info, double semi_major_m);
 
   void add_corner(std::size_t n_bytes);

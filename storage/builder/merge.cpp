@@ -142,12 +142,7 @@ class Merger {
     std::vector<LevelTally> tallies;
     std::uint64_t n_tiles = 0, n_done = 0;
     for (const LevelInfo& level : m.levels) {
-      LevelInfo empty;
-      empty.level = level.level;
-      empty.tolerance_m = level.tolerance_m;
-      empty.spacing_m = level.spacing_m;
-      empty.height_step_m = level.height_step_m;
-      tallies.emplace_back(std::move(empty), m.lattice.ellipsoid.semi_major_m);
+      tallies.emplace_back(uncounted(level), m.lattice.ellipsoid.semi_major_m);
     }
     for (const Input& input : inputs_) {
       for (const LevelInfo& level : input.pyramid.manifest.levels) n_tiles += level.n_tiles;

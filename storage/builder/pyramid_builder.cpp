@@ -18,13 +18,13 @@
 #include "core/tessellation.hpp"
 #include "core/triangulator.hpp"
 #include "storage/builder/border_lines.hpp"
-#include "storage/level_tally.hpp"
 #include "storage/builder/ordered_pipeline.hpp"
 #include "storage/builder/plan.hpp"
 #include "storage/builder/shard.hpp"
 #include "storage/builder/tile_digest.hpp"
 #include "storage/builder/tile_posts.hpp"
 #include "storage/inputs_blob.hpp"
+#include "storage/level_tally.hpp"
 #include "storage/piece_blob.hpp"
 #include "storage/zstd_codec.hpp"
 
@@ -414,7 +414,13 @@ class PyramidBuilder {
       return in;
     };
     const auto work = [&](In&& in) -> Result<TileResult> {
-      if (!in.known.body.empty()) return take_over({in.known.body, in.known.inputs});
+      if (!in.known.body.empty()) {
+        // An earlier pyramid is checked as a whole; of an interrupted run there is no hash yet.
+        const auto record = unpack_value(in.known.body);
+        if (!record) return tl::unexpected(record.error());
+        if (const auto body = decode_body(*record); !body) return tl::unexpected(body.error());
+        return take_over({in.known.body, in.known.inputs});
+      }
       return build_tile(in.key, in.parent.get(), in.known.earlier);
     };
     const auto consume = [&](std::size_t i, Result<TileResult>&& tile) {

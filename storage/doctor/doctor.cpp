@@ -114,12 +114,7 @@ class Doctor {
     tiles_.emplace(std::move(tiles));
     add(check_manifest(manifest_, *json));
     for (const LevelInfo& level : manifest_.levels) {
-      LevelInfo empty;
-      empty.level = level.level;
-      empty.tolerance_m = level.tolerance_m;
-      empty.spacing_m = level.spacing_m;
-      empty.height_step_m = level.height_step_m;
-      tallies_.emplace_back(std::move(empty), manifest_.lattice.ellipsoid.semi_major_m);
+      tallies_.emplace_back(uncounted(level), manifest_.lattice.ellipsoid.semi_major_m);
       report_.n_tiles += tiles_->n_tiles(static_cast<std::size_t>(level.level));
     }
     is_counted_.assign(tallies_.size(), true);
