@@ -186,13 +186,13 @@ std::optional<std::size_t> list_page(std::string_view query, std::size_t n_pages
   return page - 1;
 }
 
-void send(Response& out, std::string_view cache_control, const std::shared_ptr<const CachedResponse>& cached) {
+void send(Response& out, std::string_view cache_control, CachedResponse&& cached) {
   out.reset();
-  out.fields.append(cached->fields()).append(cache_control);
-  out.content_length = cached->body().size();
-  out.add(cached->body());
-  out.coding = cached->coding();
-  out.keep(cached);
+  out.fields.append(cached.fields()).append(cache_control);
+  out.content_length = cached.body().size();
+  out.add(cached.body());
+  out.coding = cached.coding();
+  out.keep(cached.take_owner());
 }
 
 }  // namespace
@@ -208,7 +208,7 @@ void Handler::coded(Context& context, const CacheKey& key, const Representation&
   const auto append_validators = [&](std::string& fields) { representation.append_validators(fields); };
   if (context.is_answered_by(representation.validators(), append_validators)) return;
   const auto lock = cache_.lock_making(key);
-  std::shared_ptr<const CachedResponse> cached = cache_.find(key);
+  CachedResponse cached = cache_.find(key);
   if (!cached) {
     Result<Bytes> bytes = make();
     if (!bytes) return context.internal_error(bytes.error());
@@ -216,11 +216,10 @@ void Handler::coded(Context& context, const CacheKey& key, const Representation&
     std::string content_fields, validator_fields;
     representation.append_content(content_fields, body.coding);
     representation.append_validators(validator_fields);
-    cached = std::make_shared<const CachedResponse>(content_fields, validator_fields, representation.etag, body);
-    cache_.put(key, cached);
+    cached = cache_.put(key, {content_fields, validator_fields, representation.etag, body.coding, body.bytes});
   }
-  send(context.out, context.cache_control, cached);
-  if (cached->coding() == Coding::kIdentity) context.apply_range(representation.validators());
+  send(context.out, context.cache_control, std::move(cached));
+  if (context.out.coding == Coding::kIdentity) context.apply_range(representation.validators());
 }
 
 void Handler::document(Context& context, const Document& document) {
@@ -286,11 +285,11 @@ void Handler::encoded(Context& context, const ServedDataset& served, const TileK
   const Dataset& dataset = *served.dataset;
   context.set_version();
   const CacheKey cached_as = cache_key(dataset.id, static_cast<Kind>(format), context.wanted, key);
-  if (const auto cached = cache_.find(cached_as)) {
-    const Validators validators{cached->etag(), dataset.modified_s};
-    if (context.is_answered_by(validators, [&](std::string& fields) { fields += cached->validator_fields(); })) return;
-    send(context.out, context.cache_control, cached);
-    if (cached->coding() == Coding::kIdentity) context.apply_range(validators);
+  if (CachedResponse cached = cache_.find(cached_as)) {
+    const Validators validators{cached.etag(), dataset.modified_s};
+    if (context.is_answered_by(validators, [&](std::string& fields) { fields += cached.validator_fields(); })) return;
+    send(context.out, context.cache_control, std::move(cached));
+    if (context.out.coding == Coding::kIdentity) context.apply_range(validators);  // `out` holds the tag now
     return;
   }
   const auto resolved = context.worker.resolve(served.dataset, key);

@@ -2,90 +2,159 @@
 #include "server/response_cache.hpp"
 
 #include <algorithm>
-#include <cassert>
-#include <utility>
+#include <new>
 
 namespace tind {
 namespace {
 
-constexpr std::size_t kEntryOverheadBytes = 256;  // hash node and bucket, the value's own object and block
+constexpr std::size_t kFewestSegments = 16;  // of a full cache: what goes at once is small against it
+constexpr std::size_t kFewestSlots = 16;
 
-std::size_t cost(const CachedResponse& value) { return value.n_bytes() + kEntryOverheadBytes; }
-
-}  // namespace
-
-CachedResponse::CachedResponse(std::string_view content_fields, std::string_view validator_fields,
-                               std::string_view etag, const Coded& body)
-    : n_content_(static_cast<std::uint32_t>(content_fields.size())),
-      n_fields_(static_cast<std::uint32_t>(content_fields.size() + validator_fields.size())),
-      etag_at_(n_content_ + static_cast<std::uint32_t>(std::min(validator_fields.find(etag), validator_fields.size()))),
-      n_etag_(static_cast<std::uint32_t>(etag.size())),
-      coding_(body.coding) {
-  assert(validator_fields.find(etag) != validator_fields.npos);
-  bytes_.reserve(n_fields_ + body.bytes.size());
-  bytes_.insert(bytes_.end(), content_fields.begin(), content_fields.end());
-  bytes_.insert(bytes_.end(), validator_fields.begin(), validator_fields.end());
-  bytes_.insert(bytes_.end(), body.bytes.begin(), body.bytes.end());
-}
-
-std::size_t ResponseCache::KeyHash::operator()(const CacheKey& key) const {
+std::uint64_t hash_of(const CacheKey& key) {
   // Multiplies by odd constants and folds the well mixed upper bits down.
   std::uint64_t h = (key.source ^ (std::uint64_t{key.representation} << 56)) * 0x9e3779b97f4a7c15u;
   h = (h ^ (h >> 32) ^ key.tile) * 0xd6e8feb86659fd93u;
-  return static_cast<std::size_t>(h ^ (h >> 32));
+  return h ^ (h >> 32);
 }
 
-void ResponseCache::Shard::unlink(Entry& entry) {
-  entry.before->after = entry.after;
-  entry.after->before = entry.before;
+std::size_t whole_pages(std::size_t n_bytes) {
+  return (n_bytes + CacheSegment::kPageBytes - 1) / CacheSegment::kPageBytes * CacheSegment::kPageBytes;
 }
 
-void ResponseCache::Shard::put_first(Entry& entry) {
-  entry.moved_at = n_puts;
-  entry.before = &order;
-  entry.after = order.after;
-  order.after->before = &entry;
-  order.after = &entry;
+// Precondition: the cache has the block's segment and cannot let go of it now.
+CachedResponse kept(const CacheBlock& block) { return {block, block.segment->shared_from_this()}; }
+
+}  // namespace
+
+ResponseCache::Shard::Slot* ResponseCache::Shard::find(std::uint64_t hash, const CacheKey& key) {
+  if (slots.empty()) return nullptr;
+  const std::size_t mask = slots.size() - 1;
+  for (std::size_t at = hash & mask; slots[at].block; at = (at + 1) & mask) {
+    if (slots[at].hash == hash && slots[at].block->key == key) return &slots[at];
+  }
+  return nullptr;
 }
 
-std::shared_ptr<const CachedResponse> ResponseCache::find(const CacheKey& key) {
-  Shard& shard = shard_of(key);
+void ResponseCache::Shard::place(std::uint64_t hash, CacheBlock& block) {
+  const std::size_t mask = slots.size() - 1;
+  std::size_t at = hash & mask;
+  while (slots[at].block) at = (at + 1) & mask;
+  slots[at] = {hash, &block};
+}
+
+// Precondition: nothing of that key is there.
+void ResponseCache::Shard::insert(std::uint64_t hash, CacheBlock& block) {
+  if ((n_taken + 1) * 2 > slots.size()) {
+    const std::vector<Slot> before = std::exchange(slots, std::vector<Slot>(std::max(slots.size() * 2, kFewestSlots)));
+    for (const Slot& slot : before) {
+      if (slot.block) place(slot.hash, *slot.block);
+    }
+  }
+  place(hash, block);
+  ++n_taken;
+}
+
+// Those behind it move up where they may, so that a search meets no gap before what it looks for.
+void ResponseCache::Shard::erase(Slot& slot) {
+  const std::size_t mask = slots.size() - 1;
+  auto gap = static_cast<std::size_t>(&slot - slots.data());
+  for (std::size_t at = (gap + 1) & mask; slots[at].block; at = (at + 1) & mask) {
+    const std::size_t home = slots[at].hash & mask;
+    if (((at - home) & mask) < ((at - gap) & mask)) continue;  // its home is behind the gap
+    slots[gap] = slots[at];
+    gap = at;
+  }
+  slots[gap] = {};
+  --n_taken;
+}
+
+ResponseCache::ResponseCache(std::size_t capacity_bytes)
+    : capacity_bytes_(capacity_bytes),
+      segment_bytes_(std::min(capacity_bytes / kFewestSegments / CacheSegment::kPageBytes * CacheSegment::kPageBytes,
+                              CacheSegment::kHugePageBytes)) {}
+
+CachedResponse ResponseCache::find(const CacheKey& key) {
+  const std::uint64_t hash = hash_of(key);
+  Shard& shard = shard_of(hash);
   const std::lock_guard lock(shard.mutex);
-  const auto found = shard.index.find(key);
-  if (found == shard.index.end()) return nullptr;
+  const auto* const slot = shard.find(hash, key);
+  if (!slot) return {};
   ++shard.n_hits;
-  // Moving an entry touches its neighbours, so it is done only after many others came in before it.
-  Entry& entry = found->second;
-  if (shard.n_puts - entry.moved_at > shard.index.size() / 8) {
-    shard.unlink(entry);
-    shard.put_first(entry);
-  }
-  return entry.value;
+  const CacheBlock& block = *slot->block;
+  if (!block.used.load(std::memory_order_relaxed)) block.used.store(true, std::memory_order_relaxed);
+  return kept(block);
 }
 
-void ResponseCache::put(const CacheKey& key, std::shared_ptr<const CachedResponse> value) {
-  const std::size_t bytes = cost(*value);
-  if (bytes > shard_capacity_) return;
-  Shard& shard = shard_of(key);
-  const std::lock_guard lock(shard.mutex);
-  const auto [place, is_new] = shard.index.try_emplace(key);
-  if (!is_new) return;  // another thread was faster, with the same bytes
-  Entry& entry = place->second;
-  entry.value = std::move(value);
-  entry.key = key;
-  ++shard.n_puts;
-  shard.put_first(entry);
-  shard.bytes += bytes;
-  while (shard.bytes > shard_capacity_) {
-    Entry& last = *shard.order.before;
-    shard.bytes -= cost(*last.value);
-    shard.unlink(last);
-    shard.index.erase(CacheKey(last.key));
+CachedResponse ResponseCache::put(const CacheKey& key, const AnswerParts& parts) {
+  const std::uint64_t hash = hash_of(key);
+  Shard& shard = shard_of(hash);
+  const std::lock_guard segments_lock(segments_mutex_);
+  {
+    const std::lock_guard lock(shard.mutex);
+    ++shard.n_puts;
+    if (const auto* const slot = shard.find(hash, key)) return kept(*slot->block);  // another thread's, the same bytes
   }
+  CacheSegment* const segment = segment_with_room(CacheBlock::bytes_for(parts));
+  if (!segment) {
+    const std::shared_ptr<void> memory(::operator new(CacheBlock::bytes_for(parts)),
+                                       [](void* p) { ::operator delete(p); });
+    return {CacheBlock::make(memory.get(), key, parts, nullptr), memory};
+  }
+  CacheBlock& block = segment->add(key, parts);
+  CachedResponse response = kept(block);
+  {
+    const std::lock_guard lock(shard.mutex);
+    index_bytes_ -= shard.slots.size() * sizeof(Shard::Slot);
+    shard.insert(hash, block);
+    index_bytes_ += shard.slots.size() * sizeof(Shard::Slot);
+  }
+  while (exceeds(0) && segments_.size() > 1) forget(*take_oldest(), nullptr, 0);  // the index grew
+  return response;
+}
+
+// The segment being filled, or a new one in the place of the oldest. nullptr: too large to be kept, or no memory.
+CacheSegment* ResponseCache::segment_with_room(std::size_t n_bytes) {
+  if (!segments_.empty() && segments_.back()->n_free() >= n_bytes) return segments_.back().get();
+  const std::size_t wanted = std::max(segment_bytes_, whole_pages(n_bytes));
+  if (wanted > capacity_bytes_ / kFewestSegments) return nullptr;
+  Segments forgotten;
+  while (!segments_.empty() && exceeds(wanted)) forgotten.push_back(take_oldest());
+  const auto segment = CacheSegment::make(wanted);
+  std::size_t room = segment ? std::min(wanted / 2, wanted - n_bytes) : 0;
+  for (const auto& old : forgotten) room = forget(*old, segment.get(), room);
+  if (!segment) return nullptr;
+  segments_.push_back(segment);
+  segments_bytes_ += wanted;
+  return segment.get();
+}
+
+std::shared_ptr<CacheSegment> ResponseCache::take_oldest() {
+  std::shared_ptr<CacheSegment> oldest = std::move(segments_.front());
+  segments_.pop_front();
+  segments_bytes_ -= oldest->n_bytes();
+  return oldest;
+}
+
+// Takes the segment's answers out of the index, or moves those used as far as there is room. What room is left.
+std::size_t ResponseCache::forget(const CacheSegment& segment, CacheSegment* rescue_to, std::size_t room_bytes) {
+  segment.for_each_block([&](const CacheBlock& block) {
+    const std::uint64_t hash = hash_of(block.key);
+    Shard& shard = shard_of(hash);
+    const std::lock_guard lock(shard.mutex);
+    auto* const slot = shard.find(hash, block.key);
+    if (!slot || slot->block != &block) return;
+    if (block.used.load(std::memory_order_relaxed) && block.n_bytes() <= room_bytes) {
+      slot->block = &rescue_to->add(block.key, block.parts());
+      room_bytes -= block.n_bytes();
+    } else {
+      shard.erase(*slot);
+    }
+  });
+  return room_bytes;
 }
 
 std::unique_lock<std::mutex> ResponseCache::lock_making(const CacheKey& key) {
-  return std::unique_lock(makers_[KeyHash{}(key) >> 16 & (kMakers - 1)]);
+  return std::unique_lock(makers_[hash_of(key) >> 16 & (kMakers - 1)]);
 }
 
 ResponseCache::Counts ResponseCache::counts() const {
@@ -99,12 +168,8 @@ ResponseCache::Counts ResponseCache::counts() const {
 }
 
 std::size_t ResponseCache::n_bytes() const {
-  std::size_t bytes = 0;
-  for (const Shard& shard : shards_) {
-    const std::lock_guard lock(shard.mutex);
-    bytes += shard.bytes;
-  }
-  return bytes;
+  const std::lock_guard lock(segments_mutex_);
+  return segments_bytes_ + index_bytes_;
 }
 
 }  // namespace tind

@@ -2,99 +2,97 @@
 #pragma once
 
 #include <array>
+#include <atomic>
 #include <cstddef>
 #include <cstdint>
+#include <deque>
 #include <memory>
 #include <mutex>
 #include <string_view>
-#include <unordered_map>
+#include <utility>
+#include <vector>
 
-#include "server/content_coding.hpp"
+#include "server/cache_segment.hpp"
 
 namespace tind {
 
-/// What a finished answer is of.
-struct CacheKey {
-  std::uint64_t source = 0;          ///< The dataset's id, or a hash that stands for a document or file.
-  std::uint64_t tile = 0;            ///< Level, x and y in one number; 0 for documents.
-  std::uint32_t representation = 0;  ///< Format and coding.
-  friend bool operator==(const CacheKey&, const CacheKey&) = default;
-};
-
-/// A finished answer: everything of it that does not depend on who asks, in one piece of memory.
+/// A finished answer that stays where it is as long as somebody has the owner; or none.
 class CachedResponse {
  public:
-  /// `content_fields`: header lines of a 200 only; `validator_fields`: those that a 304 has, too, with `etag` in them.
-  CachedResponse(std::string_view content_fields, std::string_view validator_fields, std::string_view etag,
-                 const Coded& body);
+  CachedResponse() = default;
+  CachedResponse(const CacheBlock& block, std::shared_ptr<const void> owner)
+      : block_(&block), owner_(std::move(owner)) {}
 
-  std::string_view fields() const { return text(0, n_fields_); }
-  std::string_view validator_fields() const { return text(n_content_, n_fields_ - n_content_); }
-  std::string_view etag() const { return text(etag_at_, n_etag_); }
-  ByteView body() const { return ByteView(bytes_).subspan(n_fields_); }
-  Coding coding() const { return coding_; }
-  std::size_t n_bytes() const { return bytes_.size(); }
+  explicit operator bool() const { return block_ != nullptr; }
+  std::string_view fields() const { return {block_->text(), block_->n_fields}; }
+  std::string_view validator_fields() const { return block_->parts().validator_fields; }
+  std::string_view etag() const { return block_->parts().etag; }
+  ByteView body() const { return block_->parts().body; }
+  Coding coding() const { return block_->coding; }
+  /// Hands over what holds the memory of all views.
+  std::shared_ptr<const void> take_owner() { return std::move(owner_); }
 
  private:
-  std::string_view text(std::size_t at, std::size_t n) const {
-    return {reinterpret_cast<const char*>(bytes_.data()) + at, n};
-  }
-
-  std::uint32_t n_content_, n_fields_, etag_at_, n_etag_;
-  Coding coding_;
-  Bytes bytes_;  // content fields, validator fields, body
+  const CacheBlock* block_ = nullptr;
+  std::shared_ptr<const void> owner_;
 };
 
-/// Finished answers, bounded in bytes; what was not used for long goes first. Sharded by key, so that threads seldom
-/// meet. Thread safe; values live as long as somebody holds them.
+/// Finished answers, bounded in bytes. They lie in segments one behind the other. When there is no room, the oldest
+/// segment goes, but for what was asked for since it came there, as far as half a segment holds it. The index is
+/// sharded by key, so that threads seldom meet. Thread safe.
 class ResponseCache {
  public:
-  explicit ResponseCache(std::size_t capacity_bytes) : shard_capacity_(capacity_bytes / kShards) {}
+  explicit ResponseCache(std::size_t capacity_bytes);
 
-  /// nullptr when absent. Takes no memory.
-  std::shared_ptr<const CachedResponse> find(const CacheKey& key);
-  /// Keeps the value unless it alone is larger than a shard.
-  void put(const CacheKey& key, std::shared_ptr<const CachedResponse> value);
+  /// None when absent. Takes no memory.
+  CachedResponse find(const CacheKey& key);
+  /// The answer in one piece: kept, unless it is larger than a sixteenth of the cache or the system has no memory.
+  CachedResponse put(const CacheKey& key, const AnswerParts& parts);
   /// To be held while the value of `key` is made, and find() asked again under it: several threads that miss one key
   /// make its value once. Now and then threads with different keys wait for each other, too.
   std::unique_lock<std::mutex> lock_making(const CacheKey& key);
 
-  std::size_t capacity_bytes() const { return shard_capacity_ * kShards; }
+  std::size_t capacity_bytes() const { return capacity_bytes_; }
   /// Bytes in use, bookkeeping included.
   std::size_t n_bytes() const;
   struct Counts {
-    std::uint64_t n_hits = 0, n_puts = 0;  ///< Values found, and values made and kept.
+    std::uint64_t n_hits = 0, n_puts = 0;  ///< Answers found, and made.
   };
   Counts counts() const;
 
  private:
   static constexpr std::size_t kShards = 16;
   static constexpr std::size_t kMakers = 64;
-  struct KeyHash {
-    std::size_t operator()(const CacheKey& key) const;
-  };
-  struct Entry {
-    std::shared_ptr<const CachedResponse> value;
-    std::uint64_t moved_at = 0;  // Shard::n_puts when it was put in front
-    CacheKey key;
-    Entry* before = nullptr;  // neighbours in the order of use
-    Entry* after = nullptr;
-  };
+  // Open addressing with linear probing: a look-up reads a line of the processor's cache here, and then the answer's.
   struct Shard {
+    struct Slot {
+      std::uint64_t hash = 0;
+      CacheBlock* block = nullptr;  // nullptr: free
+    };
     mutable std::mutex mutex;
-    std::unordered_map<CacheKey, Entry, KeyHash> index;
-    Entry order;  // between its last and its first: roughly the most recently used first
-    std::size_t bytes = 0;
-    std::uint64_t n_puts = 0, n_hits = 0;
-    Shard() { order.before = order.after = &order; }
-    void unlink(Entry& entry);
-    void put_first(Entry& entry);
-  };
-  Shard& shard_of(const CacheKey& key) { return shards_[KeyHash{}(key) >> 8 & (kShards - 1)]; }
+    std::vector<Slot> slots;  // a power of two of them, or none; at most half of them taken
+    std::size_t n_taken = 0;
+    std::uint64_t n_hits = 0, n_puts = 0;
 
-  std::size_t shard_capacity_;
+    Slot* find(std::uint64_t hash, const CacheKey& key);
+    void insert(std::uint64_t hash, CacheBlock& block);
+    void erase(Slot& slot);
+    void place(std::uint64_t hash, CacheBlock& block);
+  };
+  using Segments = std::deque<std::shared_ptr<CacheSegment>>;
+
+  Shard& shard_of(std::uint64_t hash) { return shards_[hash >> 60]; }
+  CacheSegment* segment_with_room(std::size_t n_bytes);
+  bool exceeds(std::size_t more_bytes) const { return segments_bytes_ + index_bytes_ + more_bytes > capacity_bytes_; }
+  std::shared_ptr<CacheSegment> take_oldest();
+  std::size_t forget(const CacheSegment& segment, CacheSegment* rescue_to, std::size_t room_bytes);
+
+  const std::size_t capacity_bytes_, segment_bytes_;
   std::array<Shard, kShards> shards_;
   std::array<std::mutex, kMakers> makers_;
+  mutable std::mutex segments_mutex_;  // of all below; taken before a shard's, never after
+  Segments segments_;                  // oldest first; the last one is being filled
+  std::size_t segments_bytes_ = 0, index_bytes_ = 0;
 };
 
 }  // namespace tind

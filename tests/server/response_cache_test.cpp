@@ -10,55 +10,112 @@
 namespace tind {
 namespace {
 
-std::shared_ptr<const CachedResponse> value(std::size_t n) {
-  return std::make_shared<const CachedResponse>("Content-Type: t\r\n", "ETag: \"e\"\r\n", "\"e\"",
-                                                Coded{Bytes(n, 7), Coding::kGzip});
+const Bytes kBytes(70000, 7);
+
+AnswerParts answer(std::size_t n) {
+  return {"Content-Type: t\r\n", "ETag: \"e\"\r\n", "\"e\"", Coding::kGzip, ByteView(kBytes).first(n)};
 }
 CacheKey key(std::uint64_t k) { return {1, k, 0}; }
 
 TEST(ResponseCache, AnAnswerKeepsItsParts) {
-  const auto made = value(3);
-  EXPECT_EQ(made->fields(), "Content-Type: t\r\nETag: \"e\"\r\n");
-  EXPECT_EQ(made->validator_fields(), "ETag: \"e\"\r\n");
-  EXPECT_EQ(made->etag(), "\"e\"");
-  EXPECT_EQ(made->coding(), Coding::kGzip);
-  EXPECT_EQ(Bytes(made->body().begin(), made->body().end()), Bytes(3, 7));
+  for (const std::size_t capacity : {std::size_t{0}, std::size_t{1} << 20}) {
+    ResponseCache cache(capacity);
+    const auto made = cache.put(key(1), answer(3));
+    EXPECT_EQ(made.fields(), "Content-Type: t\r\nETag: \"e\"\r\n");
+    EXPECT_EQ(made.validator_fields(), "ETag: \"e\"\r\n");
+    EXPECT_EQ(made.etag(), "\"e\"");
+    EXPECT_EQ(made.coding(), Coding::kGzip);
+    EXPECT_EQ(Bytes(made.body().begin(), made.body().end()), Bytes(3, 7));
+  }
 }
 
-TEST(ResponseCache, ForgetsTheLeastRecentlyUsedAndStaysInBounds) {
+TEST(ResponseCache, KeepsWhatIsUsedAndStaysInBounds) {
   constexpr std::size_t kCapacity = 160000;
   ResponseCache cache(kCapacity);
   std::size_t found = 0;
   for (std::uint64_t k = 0; k < 1000; ++k) {
-    cache.put(key(k), value(1000));
+    cache.put(key(k), answer(1000));
     ASSERT_LE(cache.n_bytes(), kCapacity);
   }
-  for (std::uint64_t k = 0; k < 1000; ++k) found += cache.find(key(k)) != nullptr;
+  EXPECT_TRUE(cache.find(key(999)));
+  EXPECT_FALSE(cache.find(key(0)));
+  for (std::uint64_t k = 0; k < 1000; ++k) found += cache.find(key(k)) ? 1 : 0;
   EXPECT_GT(found, 60u);
   EXPECT_LE(found, 160u);
-  cache.put({9, 9, 9}, value(10));
-  for (std::uint64_t k = 1000; k < 2000; ++k) {
-    ASSERT_NE(cache.find({9, 9, 9}), nullptr) << "what is used stays";
-    cache.put(key(k), value(1000));
+  cache.put({9, 9, 9}, answer(10));
+  for (std::uint64_t k = 1000; k < 3000; ++k) {
+    ASSERT_TRUE(cache.find({9, 9, 9})) << "what is used stays";
+    cache.put(key(k), answer(1000));
+    ASSERT_LE(cache.n_bytes(), kCapacity);
   }
 }
 
-TEST(ResponseCache, RefusesWhatIsTooLargeAndNothingWithoutMemory) {
+TEST(ResponseCache, WhatIsUsedOnceStaysNotForEver) {
+  ResponseCache cache(160000);
+  cache.put({9, 9, 9}, answer(10));
+  ASSERT_TRUE(cache.find({9, 9, 9}));
+  for (std::uint64_t k = 0; k < 1000; ++k) cache.put(key(k), answer(1000));
+  EXPECT_FALSE(cache.find({9, 9, 9}));
+}
+
+TEST(ResponseCache, ManySmallAnswersCountWithTheirIndex) {
+  constexpr std::size_t kCapacity = 200000;
+  ResponseCache cache(kCapacity);
+  std::size_t found = 0;
+  for (std::uint64_t k = 0; k < 5000; ++k) {
+    cache.put(key(k), answer(0));
+    ASSERT_LE(cache.n_bytes(), kCapacity);
+  }
+  for (std::uint64_t k = 0; k < 5000; ++k) found += cache.find(key(k)) ? 1 : 0;
+  EXPECT_GT(found, 500u);
+}
+
+TEST(ResponseCache, AnAnswerOutlivesItsPlaceAndTheCache) {
+  CachedResponse held;
+  {
+    ResponseCache cache(160000);
+    held = cache.put({9, 9, 9}, answer(1234));
+    for (std::uint64_t k = 0; k < 1000; ++k) cache.put(key(k), answer(1000));
+  }
+  const CachedResponse copy = held;
+  held = {};
+  EXPECT_EQ(Bytes(copy.body().begin(), copy.body().end()), Bytes(1234, 7));
+}
+
+TEST(ResponseCache, KeepsOfTwoTheFirst) {
+  ResponseCache cache(std::size_t{1} << 20);
+  cache.put(key(1), answer(10));
+  EXPECT_EQ(cache.put(key(1), answer(20)).body().size(), 10u);
+  EXPECT_EQ(cache.find(key(1)).body().size(), 10u);
+}
+
+TEST(ResponseCache, RefusesWhatIsTooLargeAndEverythingWithoutMemory) {
   ResponseCache cache(160000), none(0);
-  cache.put(key(1), value(20000));
-  EXPECT_EQ(cache.find(key(1)), nullptr);
-  none.put(key(1), value(1));
-  EXPECT_EQ(none.find(key(1)), nullptr);
+  EXPECT_EQ(cache.put(key(1), answer(20000)).body().size(), 20000u);
+  EXPECT_FALSE(cache.find(key(1)));
+  none.put(key(1), answer(1));
+  EXPECT_FALSE(none.find(key(1)));
+  EXPECT_EQ(none.n_bytes(), 0u);
+}
+
+TEST(ResponseCache, KeepsAnswersLargerThanASegment) {
+  ResponseCache cache(std::size_t{70} << 20);
+  const Bytes large(std::size_t{4} << 20, 5);
+  AnswerParts parts = answer(0);
+  parts.body = large;
+  for (std::uint64_t k = 0; k < 20; ++k) cache.put(key(k), parts);
+  EXPECT_TRUE(std::equal(large.begin(), large.end(), cache.find(key(19)).body().begin()));
+  EXPECT_LE(cache.n_bytes(), cache.capacity_bytes());
 }
 
 TEST(ResponseCache, TellsKeysApart) {
   ResponseCache cache(std::size_t{1} << 20);
   const std::vector<CacheKey> keys = {{1, 2, 3}, {2, 1, 3}, {1, 3, 2}, {3, 2, 1}, {1, 2, 4}};
-  for (std::size_t k = 0; k < keys.size(); ++k) cache.put(keys[k], value(k));
+  for (std::size_t k = 0; k < keys.size(); ++k) cache.put(keys[k], answer(k));
   for (std::size_t k = 0; k < keys.size(); ++k) {
     const auto found = cache.find(keys[k]);
-    ASSERT_NE(found, nullptr);
-    EXPECT_EQ(found->body().size(), k);
+    ASSERT_TRUE(found);
+    EXPECT_EQ(found.body().size(), k);
   }
 }
 
@@ -72,7 +129,7 @@ TEST(ResponseCache, ThreadsThatMissTogetherMakeAValueOnce) {
       if (cache.find(key(1))) return;
       ++n_made;
       std::this_thread::sleep_for(std::chrono::milliseconds(5));
-      cache.put(key(1), value(1));
+      cache.put(key(1), answer(1));
     });
   }
   for (auto& thread : threads) thread.join();
@@ -87,9 +144,10 @@ TEST(ResponseCache, IsThreadSafe) {
       for (int k = 0; k < 5000; ++k) {
         const CacheKey wanted = key(static_cast<std::uint64_t>((k * 7 + t) % 300));
         if (const auto found = cache.find(wanted)) {
-          EXPECT_EQ(found->body().size(), 500u);
+          EXPECT_EQ(found.body().size(), 500u);
+          EXPECT_EQ(found.body().back(), 7u);
         } else {
-          cache.put(wanted, value(500));
+          cache.put(wanted, answer(500));
         }
       }
     });
