@@ -9,6 +9,7 @@
 #include "core/lattice.hpp"
 #include "core/pinned_points.hpp"
 #include "core/post_blocks.hpp"
+#include "core/post_pages.hpp"
 
 namespace tind {
 
@@ -84,16 +85,21 @@ struct HeightField {
   double north_pole_m = 0;
   double base_height_m = 0;
   double disagreement_m = 0;            ///< Largest |source post - its height here| where overlapping sources disagree.
-  const float* heights_m = nullptr;     ///< n_rows * n_cols
-  const PostOrigin* origins = nullptr;  ///< n_rows * n_cols
+  const float* heights_m = nullptr;     ///< n_rows * n_cols; null: there are `pages` instead.
+  const PostOrigin* origins = nullptr;  ///< n_rows * n_cols; as heights_m.
+  const PostPages* pages = nullptr;     ///< The grid's posts where they are not in memory. Not owned.
   const PostBlocks* blocks = nullptr;   ///< Of the grid's posts, as they are now; null: not made. Not owned.
   PointBlocks points;                   ///< Irregular posts; empty for a raster.
   PinnedPoints pinned;                  ///< Vertices with a height of their own: those of break lines.
 
   double post_x(std::int64_t c) const { return x0 + static_cast<double>(c) * dx; }
   double post_y(std::int64_t r) const { return y0 + static_cast<double>(r) * dy; }
-  double height_at(std::int64_t r, std::int64_t c) const { return static_cast<double>(heights_m[r * n_cols + c]); }
-  PostOrigin origin_at(std::int64_t r, std::int64_t c) const { return origins[r * n_cols + c]; }
+  double height_at(std::int64_t r, std::int64_t c) const {
+    return static_cast<double>(pages != nullptr ? pages->height_m(r, c) : heights_m[r * n_cols + c]);
+  }
+  PostOrigin origin_at(std::int64_t r, std::int64_t c) const {
+    return pages != nullptr ? pages->origin(r, c) : origins[r * n_cols + c];
+  }
 
   /// PostBlocks::visit over the grid's posts; where there are no blocks, posts() is called for all rows of the window.
   template <class Settle, class Posts>

@@ -294,8 +294,40 @@ void PostBlocks::merge_children(int level, std::int64_t i, std::int64_t j) {
   own.sums[i * own.n_cols + j] = sums;
 }
 
+std::uint64_t PostBlocks::n_coarse_bytes() const {
+  std::uint64_t bytes = 0;
+  for (std::size_t k = PostBlockPage::kLevels; k < levels_.size(); ++k) {
+    bytes +=
+        static_cast<std::uint64_t>(levels_[k].n_rows * levels_[k].n_cols) * (sizeof(PostBlock) + sizeof(PostBlockSums));
+  }
+  return bytes;
+}
+
+PostBlocks PostBlocks::in_pages(const PostBlockPages& pages, std::span<std::byte> memory) const {
+  assert(memory.size() >= n_coarse_bytes());
+  PostBlocks result = *this;
+  result.pages_ = &pages;
+  std::byte* next = memory.data();
+  for (std::size_t k = 0; k < levels_.size(); ++k) {
+    const Level& from = levels_[k];
+    Level& to = result.levels_[k];
+    to.blocks = nullptr;
+    to.sums = nullptr;
+    if (k < PostBlockPage::kLevels) continue;
+    const auto n = static_cast<std::size_t>(from.n_rows * from.n_cols);
+    to.blocks = reinterpret_cast<PostBlock*>(next);
+    next += n * sizeof(PostBlock);
+    to.sums = reinterpret_cast<PostBlockSums*>(next);
+    next += n * sizeof(PostBlockSums);
+    std::copy_n(from.blocks, n, to.blocks);
+    std::copy_n(from.sums, n, to.sums);
+  }
+  return result;
+}
+
 PostBlocks PostBlocks::build(const HeightField& field, std::span<std::byte> memory, int threads,
-                             const std::atomic<bool>* cancel) {
+                             const std::atomic<bool>* cancel,
+                             const std::function<void(const void*, std::size_t)>& done) {
   assert(memory.size() >= n_bytes(field.n_rows, field.n_cols) && threads >= 1);
   PostBlocks result;
   result.n_rows_ = field.n_rows;
@@ -324,6 +356,22 @@ PostBlocks PostBlocks::build(const HeightField& field, std::span<std::byte> memo
           result.merge_children(level, i, j);
         }
       }
+      if (!done) return;
+      const auto row = [&](int of, std::int64_t first, std::int64_t n_rows) {
+        const Level& l = result.at(of);
+        const auto n = static_cast<std::size_t>(n_rows * l.n_cols);
+        done(l.blocks + first * l.n_cols, n * sizeof(PostBlock));
+        done(l.sums + first * l.n_cols, n * sizeof(PostBlockSums));
+      };
+      row(level, i, 1);
+      if (level > 0) {
+        row(level - 1, 2 * i, std::min<std::int64_t>(2, result.at(level - 1).n_rows - 2 * i));
+        return;
+      }
+      const std::int64_t first = i * kSide, n_rows = std::min(kSide, field.n_rows - first);
+      const auto n = static_cast<std::size_t>(n_rows * field.n_cols);
+      done(field.heights_m + first * field.n_cols, n * sizeof(float));
+      done(field.origins + first * field.n_cols, n * sizeof(PostOrigin));
     });
   }
   return result;

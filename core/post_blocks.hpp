@@ -6,8 +6,11 @@
 #include <atomic>
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <span>
 #include <vector>
+
+#include "core/held_pages.hpp"
 
 namespace tind {
 
@@ -51,6 +54,24 @@ struct PostBlockSums {
   std::uint32_t n_source = 0;                ///< Posts of origin kSource.
 };
 
+/// The blocks of a square of posts, levels 0 to kLevels - 1, each row-major from the south-west. Those beyond the
+/// grid's end mean nothing.
+struct PostBlockPage {
+  static constexpr int kLevels = 4;
+  static constexpr std::size_t kBlocks = 64 + 16 + 4 + 1;
+  std::array<PostBlock, kBlocks> blocks;
+  std::array<PostBlockSums, kBlocks> sums;
+
+  /// Place of block (i, j) of a level in its page, and the page's row or column.
+  static std::size_t index(int level, std::int64_t i, std::int64_t j) {
+    constexpr std::array<std::size_t, kLevels> kFirst = {0, 64, 80, 84};
+    const std::int64_t side = std::int64_t{1} << (kLevels - 1 - level);
+    return kFirst[static_cast<std::size_t>(level)] + static_cast<std::size_t>(i % side * side + j % side);
+  }
+  static std::int64_t page_of(int level, std::int64_t i) { return i >> (kLevels - 1 - level); }
+};
+using PostBlockPages = HeldPages<PostBlockPage>;
+
 /// A pyramid of blocks over the grid of a HeightField. Level 0: kSide x kSide posts a block, fewer in the last row and
 /// column; each coarser one 2 x 2 blocks, up to one block or blocks of kMaxSide posts. 56 bytes a block, 1.2 bytes a
 /// post in all. A value with pointers into memory it does not own, and a copy of nothing: it describes the field as it
@@ -71,19 +92,41 @@ class PostBlocks {
   /// Builds the blocks of field's grid into `memory`: n_bytes(...) of it, aligned to 8, kept by the caller. Uses
   /// `threads` >= 1 of them; the bytes do not depend on it. Precondition: all heights are finite. When `cancel` (may be
   /// null) is set it ends early, and the blocks are of no use.
+  /// `done(begin, n_bytes)`, if not empty, is called on any thread for stretches of the field's arrays and of `memory`
+  /// that will not be used for a while.
   static PostBlocks build(const HeightField& field, std::span<std::byte> memory, int threads,
-                          const std::atomic<bool>* cancel = nullptr);
+                          const std::atomic<bool>* cancel = nullptr,
+                          const std::function<void(const void*, std::size_t)>& done = {});
 
+  /// Side of the grid of pages over so many posts.
+  static std::int64_t n_pages(std::int64_t n_posts) {
+    return (n_posts + side(PostBlockPage::kLevels - 1) - 1) / side(PostBlockPage::kLevels - 1);
+  }
+  /// Bytes of the levels that pages do not hold; may be 0.
+  std::uint64_t n_coarse_bytes() const;
+  /// The same blocks, those of the levels of a page from `pages` (not owned), the others moved to `memory`:
+  /// n_coarse_bytes() of it, kept by the caller. The memory of the whole is not needed any more.
+  PostBlocks in_pages(const PostBlockPages& pages, std::span<std::byte> memory) const;
+
+  /// As HeldPages::failed.
+  bool failed() const { return pages_ != nullptr && pages_->failed(); }
   int n_levels() const { return static_cast<int>(levels_.size()); }
   std::int64_t n_block_rows(int level) const { return at(level).n_rows; }
   std::int64_t n_block_cols(int level) const { return at(level).n_cols; }
   /// Posts along a side of a block of this level that is not cut short by the grid's end.
   static std::int64_t side(int level) { return kSide << level; }
-  /// Block (i, j) of a level: row i from the south, column j from the west. Row-major arrays.
+  /// Block (i, j) of a level: row i from the south, column j from the west. Where there are pages it is valid until
+  /// this thread asks for a block elsewhere; else a row lies together.
   const PostBlock& block(int level, std::int64_t i, std::int64_t j) const {
+    if (pages_ != nullptr && level < PostBlockPage::kLevels) {
+      return page(level, i, j).blocks[PostBlockPage::index(level, i, j)];
+    }
     return at(level).blocks[i * at(level).n_cols + j];
   }
   const PostBlockSums& sums(int level, std::int64_t i, std::int64_t j) const {
+    if (pages_ != nullptr && level < PostBlockPage::kLevels) {
+      return page(level, i, j).sums[PostBlockPage::index(level, i, j)];
+    }
     return at(level).sums[i * at(level).n_cols + j];
   }
   Extent extent(int level, std::int64_t i, std::int64_t j) const {
@@ -116,6 +159,9 @@ class PostBlocks {
   };
 
   const Level& at(int level) const { return levels_[static_cast<std::size_t>(level)]; }
+  const PostBlockPage& page(int level, std::int64_t i, std::int64_t j) const {
+    return pages_->page(PostBlockPage::page_of(level, i), PostBlockPage::page_of(level, j));
+  }
   Extent clipped(const Extent& w) const {
     const std::int64_t row = std::max<std::int64_t>(w.row, 0), col = std::max<std::int64_t>(w.col, 0);
     return {row, col, std::min(w.row + w.n_rows, n_rows_) - row, std::min(w.col + w.n_cols, n_cols_) - col};
@@ -145,6 +191,7 @@ class PostBlocks {
 
   std::int64_t n_rows_ = 0, n_cols_ = 0;  // of posts
   std::vector<Level> levels_;
+  const PostBlockPages* pages_ = nullptr;
 };
 
 }  // namespace tind

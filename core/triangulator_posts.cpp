@@ -18,6 +18,7 @@ void TilePosts::reset(const HeightField& field, const TileKey& key) {
   covered_.clear();
   points_.clear();
   find_windows();
+  find_posts();
   std::int64_t n = 0;
   for (PostWindow& w : windows_) {
     w.slack_x = nudge_ / w.dx;
@@ -26,8 +27,11 @@ void TilePosts::reset(const HeightField& field, const TileKey& key) {
     n += w.n_cols * w.n_rows;
     if (w.is_base_grid || field.points.empty()) continue;
     for (std::int64_t r = 0; r < w.n_rows && w.all_promised; ++r) {
-      const PostOrigin* origins = row_origins(w, r);
-      w.all_promised = std::find(origins, origins + w.n_cols, PostOrigin::kInterpolated) == origins + w.n_cols;
+      for_parts(w, r, 0, w.n_cols,
+                [&](const float*, const PostOrigin* origins, std::int64_t c_begin, std::int64_t c_end) {
+                  const PostOrigin* const end = origins + (c_end - c_begin);
+                  if (std::find(origins, end, PostOrigin::kInterpolated) != end) w.all_promised = false;
+                });
     }
   }
   first_point_ = n;
@@ -71,6 +75,36 @@ void TilePosts::find_windows() {
   grid.n_cols = grid.n_rows = kCellsPerTile + 1;
   windows_.push_back(grid);
   find_covered_boxes();
+}
+
+// Small windows lie in memory, in rows as short as they are; of large ones few posts are looked at.
+void TilePosts::find_posts() {
+  constexpr std::int64_t kMostCopied = 2200000;  // 11 MB
+  std::int64_t n = 0;
+  for (const PostWindow& w : windows_) n += w.is_base_grid ? 0 : w.n_rows * w.n_cols;
+  if (field_->pages != nullptr) {
+    if (n > kMostCopied) return;
+    copied_heights_m_.resize(static_cast<std::size_t>(n));
+    copied_origins_.resize(static_cast<std::size_t>(n));
+  }
+  std::int64_t at = 0;
+  for (PostWindow& w : windows_) {
+    if (w.is_base_grid) continue;
+    if (field_->pages == nullptr) {
+      const std::int64_t first = w.field_row * field_->n_cols + w.field_col;
+      w.heights_m = field_->heights_m + first;
+      w.origins = field_->origins + first;
+      w.stride = field_->n_cols;
+      continue;
+    }
+    float* const heights = copied_heights_m_.data() + at;
+    PostOrigin* const origins = copied_origins_.data() + at;
+    field_->pages->copy(w.field_row, w.field_col, w.n_rows, w.n_cols, heights, origins);
+    w.heights_m = heights;
+    w.origins = origins;
+    w.stride = w.n_cols;
+    at += w.n_rows * w.n_cols;
+  }
 }
 
 // As HeightField::covers, in local lattice steps and a little smaller.
@@ -173,8 +207,10 @@ std::uint64_t TilePosts::count_source(const PostWindow& w, std::int64_t n_rows, 
   for_posts(
       w, n_rows, n_cols, [&](const PostBlockSums& sums) { n += sums.n_source; },
       [&](std::int64_t r, std::int64_t c_begin, std::int64_t c_end) {
-        const PostOrigin* origins = row_origins(w, r);
-        n += static_cast<std::uint64_t>(std::count(origins + c_begin, origins + c_end, PostOrigin::kSource));
+        for_parts(w, r, c_begin, c_end,
+                  [&](const float*, const PostOrigin* origins, std::int64_t begin, std::int64_t end) {
+                    n += static_cast<std::uint64_t>(std::count(origins, origins + (end - begin), PostOrigin::kSource));
+                  });
       });
   return n;
 }
@@ -188,14 +224,16 @@ std::pair<double, double> TilePosts::height_range() const {
       continue;
     }
     const auto row = [&](std::int64_t r, std::int64_t c_begin, std::int64_t c_end) {
-      const float* heights = row_heights(w, r);
-      float least = heights[c_begin], most = heights[c_begin];
-      for (std::int64_t c = c_begin + 1; c < c_end; ++c) {
-        least = heights[c] < least ? heights[c] : least;
-        most = heights[c] > most ? heights[c] : most;
-      }
-      low = std::min(low, static_cast<double>(least));
-      high = std::max(high, static_cast<double>(most));
+      for_parts(w, r, c_begin, c_end,
+                [&](const float* heights, const PostOrigin*, std::int64_t begin, std::int64_t end) {
+                  float least = heights[0], most = heights[0];
+                  for (std::int64_t k = 1; k < end - begin; ++k) {
+                    least = heights[k] < least ? heights[k] : least;
+                    most = heights[k] > most ? heights[k] : most;
+                  }
+                  low = std::min(low, static_cast<double>(least));
+                  high = std::max(high, static_cast<double>(most));
+                });
     };
     for_posts(
         w, w.n_rows, w.n_cols,

@@ -27,6 +27,10 @@ struct PostWindow {
   bool is_base_grid = false;     ///< The level's own 256 x 256 grid at the base height, where the field covers nothing.
   bool all_promised = true;      ///< No post is interpolated between irregular ones.
   std::int64_t first_index = 0;  ///< Post (r, c) has the index first_index + r * n_cols + c among the tile's posts.
+  /// Post (r, c) is at r * stride + c; null: the posts are in the field's pages.
+  const float* heights_m = nullptr;
+  const PostOrigin* origins = nullptr;
+  std::int64_t stride = 0;
 
   double x(std::int64_t c) const { return x0 + static_cast<double>(c) * dx; }
   double y(std::int64_t r) const { return y0 + static_cast<double>(r) * dy; }
@@ -68,12 +72,10 @@ class TilePosts {
   /// Degrees carry about 1e-13 of rounding: a post this close to a tile's side, in lattice steps, lies on it.
   double nudge() const { return nudge_; }
 
-  const float* row_heights(const PostWindow& w, std::int64_t r) const {
-    return field_->heights_m + (w.field_row + r) * field_->n_cols + w.field_col;
-  }
-  const PostOrigin* row_origins(const PostWindow& w, std::int64_t r) const {
-    return field_->origins + (w.field_row + r) * field_->n_cols + w.field_col;
-  }
+  /// Calls part(heights, origins, c_begin, c_end) for the posts [c_begin, c_end) of a row, from west to east in parts
+  /// that lie together: heights[k] is column c_begin + k of the window. Both are valid until the call returns.
+  template <class Part>
+  void for_parts(const PostWindow& w, std::int64_t r, std::int64_t c_begin, std::int64_t c_end, Part part) const;
   /// Position of a post in local lattice steps.
   std::pair<double, double> position(std::int64_t index) const;
   std::int64_t index_of_point(std::uint32_t k) const { return first_point_ + k; }
@@ -115,6 +117,7 @@ class TilePosts {
   };
 
   void find_windows();
+  void find_posts();
   void find_covered_boxes();
   void collect_points();
   template <class Sums, class Row>
@@ -139,7 +142,29 @@ class TilePosts {
   std::int64_t n_cell_cols_ = 0, n_cell_rows_ = 0;
   std::vector<std::uint32_t> cell_first_, cell_next_;  // n_cell_rows * n_cell_cols + 1
   std::vector<TilePoint> points_, found_;
+  // Posts of small windows, copied from the field's pages.
+  std::vector<float> copied_heights_m_;
+  std::vector<PostOrigin> copied_origins_;
 };
+
+template <class Part>
+void TilePosts::for_parts(const PostWindow& w, std::int64_t r, std::int64_t c_begin, std::int64_t c_end,
+                          Part part) const {
+  if (w.heights_m != nullptr) {
+    const std::int64_t at = r * w.stride + c_begin;
+    part(w.heights_m + at, w.origins + at, c_begin, c_end);
+    return;
+  }
+  const std::int64_t row = w.field_row + r;
+  while (c_begin < c_end) {
+    const std::int64_t col = w.field_col + c_begin;
+    const std::int64_t end = std::min(c_end, c_begin + PostPages::kSide - col % PostPages::kSide);
+    const PostPage& page = field_->pages->of_post(row, col);
+    const std::size_t at = PostPages::index(row, col);
+    part(page.heights_m + at, page.origins + at, c_begin, end);
+    c_begin = end;
+  }
+}
 
 template <class Row>
 void TilePosts::for_rows(const PlanTriangle& t, const PostWindow& w, Row row) {

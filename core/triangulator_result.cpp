@@ -158,20 +158,24 @@ void TileExtractor::measure_window(const Mesh& mesh, const TilePosts& posts, con
     const auto add_row = [&](std::int64_t r, std::int64_t c_from, std::int64_t c_to) {
       const auto [west, east] = rows.cuts(static_cast<double>(r));
       const std::int64_t c_first = std::max(c_from, ceil_of(west)), c_end = std::min(c_to, ceil_of(east));
-      const float* heights = posts.row_heights(w, r);
+      if (c_first >= c_end) return;
       const double z = plane.at(w.x0, w.y(r));
-      double col = static_cast<double>(c_first);
-      if (all_source) {
-        for (std::int64_t c = c_first; c < c_end; ++c, ++col) {
-          found.add(std::abs(z + per_col * col - static_cast<double>(heights[c])));
+      const auto add_part = [&](const float* heights, const PostOrigin* origins, std::int64_t begin,
+                                std::int64_t part_end) {
+        double col = static_cast<double>(begin);
+        const std::int64_t n = part_end - begin;
+        if (all_source) {
+          for (std::int64_t k = 0; k < n; ++k, ++col) {
+            found.add(std::abs(z + per_col * col - static_cast<double>(heights[k])));
+          }
+          return;
         }
-        return;
-      }
-      const PostOrigin* origins = posts.row_origins(w, r);
-      for (std::int64_t c = c_first; c < c_end; ++c, ++col) {
-        if (origins[c] != PostOrigin::kSource) continue;
-        found.add(std::abs(z + per_col * col - static_cast<double>(heights[c])));
-      }
+        for (std::int64_t k = 0; k < n; ++k, ++col) {
+          if (origins[k] != PostOrigin::kSource) continue;
+          found.add(std::abs(z + per_col * col - static_cast<double>(heights[k])));
+        }
+      };
+      posts.for_parts(w, r, c_first, c_end, add_part);
     };
     if (!posts.has_blocks() || !in.is_large()) {
       for (std::int64_t r = r_first; r < r_end; ++r) add_row(r, 0, n_cols);
@@ -217,19 +221,22 @@ TileExtractor::Errors TileExtractor::measure_one_by_one(const Mesh& mesh, const 
                                                         const FaceScanner& scanner, std::int64_t n_rows,
                                                         std::int64_t n_cols) {
   Errors found;
-  seen_.assign(static_cast<std::size_t>(w.n_rows * w.n_cols), 0);
+  seen_.assign(static_cast<std::size_t>(w.n_rows * w.n_cols), false);
   for (const std::int32_t f : faces_) {
     const FacePlane plane = scanner.plane_of(f);
     TilePosts::for_rows(mesh.plan_of(f), w, [&](std::int64_t r, std::int64_t c_first, std::int64_t c_last) {
       if (r >= n_rows) return;
-      const float* heights = posts.row_heights(w, r);
-      const PostOrigin* origins = posts.row_origins(w, r);
-      for (std::int64_t c = c_first; c <= std::min(c_last, n_cols - 1); ++c) {
-        std::uint8_t& seen = seen_[static_cast<std::size_t>(r * w.n_cols + c)];
-        if (seen != 0 || origins[c] != PostOrigin::kSource) continue;
-        seen = 1;
-        found.add(std::abs(plane.at(w.x(c), w.y(r)) - static_cast<double>(heights[c])));
-      }
+      const std::int64_t c_end = std::min(c_last + 1, n_cols);
+      posts.for_parts(w, r, c_first, c_end,
+                      [&](const float* heights, const PostOrigin* origins, std::int64_t begin, std::int64_t end) {
+                        for (std::int64_t c = begin; c < end; ++c) {
+                          const auto at = static_cast<std::size_t>(r * w.n_cols + c);
+                          if (seen_[at] || origins[c - begin] != PostOrigin::kSource) continue;
+                          seen_[at] = true;
+                          const double height = static_cast<double>(heights[c - begin]);
+                          found.add(std::abs(plane.at(w.x(c), w.y(r)) - height));
+                        }
+                      });
     });
   }
   return found;
@@ -239,12 +246,12 @@ void TileExtractor::measure_points(const Mesh& mesh, const TilePosts& posts, con
                                    bool at_pole, Errors& errors) {
   const double nudge = posts.nudge(), end = side - nudge;
   const double end_y = at_pole ? std::numeric_limits<double>::infinity() : end;
-  seen_.assign(posts.n_points(), 0);
+  seen_.assign(posts.n_points(), false);
   for (const std::int32_t f : faces_) {
     const FacePlane plane = scanner.plane_of(f);
     posts.for_points(mesh.plan_of(f), [&](std::uint32_t k, const TilePoint& p) {
-      if (seen_[k] != 0 || p.x < -nudge || p.y < -nudge || p.x >= end || p.y >= end_y) return;
-      seen_[k] = 1;
+      if (seen_[k] || p.x < -nudge || p.y < -nudge || p.x >= end || p.y >= end_y) return;
+      seen_[k] = true;
       errors.add(std::abs(plane.at(p.x, p.y) - p.height_m));
     });
   }

@@ -45,7 +45,7 @@ class TileExtractor {
   std::vector<Triangle> turned_;
   std::vector<std::uint32_t> order_, index_, first_;  // of the interior; per vertex: local order, next triangle
   std::vector<std::int32_t> faces_;                   // in the order of the triangles: near ones lie together
-  std::vector<std::uint8_t> seen_;                    // per post
+  std::vector<bool> seen_;                            // per post
 };
 
 /// Indices of points in Morton order of (x, y); of equal ones the first comes first. 0 <= x, y.

@@ -28,7 +28,8 @@ struct PostAt {
 #define TIND_WIDE
 #endif
 
-// The largest |z + per_col * c - heights[c]| of c_first, c_first + 1, ...: of the n_fours * 4 posts from there on.
+// The largest |z + per_col * c - heights[c - c_first]| of c_first, c_first + 1, ...: of the n_fours * 4 posts from
+// there on.
 TIND_WIDE double largest_of_fours(const float* heights, std::int64_t c_first, std::int64_t n_fours, double z,
                                   double per_col) {
   using Four = double __attribute__((vector_size(32)));
@@ -36,7 +37,7 @@ TIND_WIDE double largest_of_fours(const float* heights, std::int64_t c_first, st
   using FourBits = std::int64_t __attribute__((vector_size(32)));
   const double first = static_cast<double>(c_first);
   Four cols = {first, first + 1, first + 2, first + 3}, most = {0, 0, 0, 0};
-  for (const float *at = heights + c_first, *end = at + 4 * n_fours; at != end; at += 4, cols += 4.0) {
+  for (const float *at = heights, *end = at + 4 * n_fours; at != end; at += 4, cols += 4.0) {
     FourFloats h;
     __builtin_memcpy(&h, at, sizeof h);
     const Four error = z + per_col * cols - __builtin_convertvector(h, Four);
@@ -46,17 +47,18 @@ TIND_WIDE double largest_of_fours(const float* heights, std::int64_t c_first, st
   return std::max(std::max(most[0], most[1]), std::max(most[2], most[3]));
 }
 
-// The error of a row's posts against z + per_col * column: sets `worst` to the largest above it and returns its column,
-// -1 when there is none. Of equal errors the western one counts. `origins`: null, or interpolated posts are left out.
-std::int64_t worst_in_row(const float* heights, std::int64_t c_first, std::int64_t c_last, double z, double per_col,
+// The error of the posts of columns [c_first, c_end) against z + per_col * column: sets `worst` to the largest above it
+// and returns its column, -1 when there is none. Of equal errors the western one counts. `heights`, `origins`: from
+// c_first on; origins may be null, else interpolated posts are left out.
+std::int64_t worst_in_row(const float* heights, std::int64_t c_first, std::int64_t c_end, double z, double per_col,
                           const PostOrigin* origins, double& worst) {
   constexpr std::int64_t kLong = 12;
   std::int64_t found = -1, c = c_first;
   const auto error_at = [&](std::int64_t at) {
-    return std::abs(z + per_col * static_cast<double>(at) - static_cast<double>(heights[at]));
+    return std::abs(z + per_col * static_cast<double>(at) - static_cast<double>(heights[at - c_first]));
   };
-  if (origins == nullptr && c_last - c_first + 1 >= kLong) {
-    const std::int64_t n_fours = (c_last - c_first + 1) / 4;
+  if (origins == nullptr && c_end - c_first >= kLong) {
+    const std::int64_t n_fours = (c_end - c_first) / 4;
     const double largest = largest_of_fours(heights, c_first, n_fours, z, per_col);
     if (largest > worst) {
       worst = largest;
@@ -66,9 +68,10 @@ std::int64_t worst_in_row(const float* heights, std::int64_t c_first, std::int64
     c += 4 * n_fours;
   }
   double col = static_cast<double>(c);
-  for (; c <= c_last; ++c, ++col) {
-    const double error = std::abs(z + per_col * col - static_cast<double>(heights[c]));
-    if (error > worst && (origins == nullptr || origins[c] != PostOrigin::kInterpolated)) {
+  for (; c < c_end; ++c, ++col) {
+    const std::int64_t k = c - c_first;
+    const double error = std::abs(z + per_col * col - static_cast<double>(heights[k]));
+    if (error > worst && (origins == nullptr || origins[k] != PostOrigin::kInterpolated)) {
       worst = error;
       found = c;
     }
@@ -169,13 +172,17 @@ FaceCandidate FaceScanner::scan(std::int32_t face) const {
     }
     const double per_col = plane.slope_x * w.dx;
     const auto row = [&](std::int64_t r, std::int64_t c_first, std::int64_t c_last) {
-      // Blocks come in any order: of equal errors the first post counts.
-      double least = at.is_after(w, r, c_last) ? std::nextafter(worst, 0.0) : worst;
-      const std::int64_t c = worst_in_row(posts_.row_heights(w, r), c_first, c_last, plane.at(w.x0, w.y(r)), per_col,
-                                          w.all_promised ? nullptr : posts_.row_origins(w, r), least);
-      if (c < 0) return;
-      worst = least;
-      at = {&w, r, c};
+      const double z = plane.at(w.x0, w.y(r));
+      posts_.for_parts(w, r, c_first, c_last + 1,
+                       [&](const float* heights, const PostOrigin* origins, std::int64_t c_begin, std::int64_t c_end) {
+                         // Blocks come in any order: of equal errors the first post counts.
+                         double least = at.is_after(w, r, c_end - 1) ? std::nextafter(worst, 0.0) : worst;
+                         const std::int64_t c = worst_in_row(heights, c_begin, c_end, z, per_col,
+                                                             w.all_promised ? nullptr : origins, least);
+                         if (c < 0) return;
+                         worst = least;
+                         at = {&w, r, c};
+                       });
     };
     posts_.for_promising_rows(
         plan, w, worst,
@@ -250,19 +257,23 @@ FaceCandidate FaceScanner::scan_thoroughly(std::int32_t face, const FacePlane& p
       continue;
     }
     const auto row = [&](std::int64_t r, std::int64_t c_first, std::int64_t c_last) {
-      const float* heights = posts_.row_heights(w, r);
-      const PostOrigin* origins = posts_.row_origins(w, r);
       const double y = w.y(r), z = plane.at(w.x0, y), per_col = plane.slope_x * w.dx;
       const double served_z = served.at(w.x0, y), served_per_col = served.slope_x * w.dx;
       const std::int64_t row_index = w.first_index + r * w.n_cols;
-      double col = static_cast<double>(c_first);
-      for (std::int64_t c = c_first; c <= c_last; ++c, ++col) {
-        const double height = static_cast<double>(heights[c]);
-        const double own =
-            is_fan ? guard_.fan_error(guard, w.x(c), y, height) : std::abs(z + per_col * col - height) + guard.extra_m;
-        const double error = std::max(own, std::abs(served_z + served_per_col * col - height) + served_rounding_m_);
-        if (error >= worst && origins[c] != PostOrigin::kInterpolated) consider(error, w.x(c), y, row_index + c);
-      }
+      posts_.for_parts(w, r, c_first, c_last + 1,
+                       [&](const float* heights, const PostOrigin* origins, std::int64_t c_begin, std::int64_t c_end) {
+                         double col = static_cast<double>(c_begin);
+                         for (std::int64_t c = c_begin; c < c_end; ++c, ++col) {
+                           const double height = static_cast<double>(heights[c - c_begin]);
+                           const double own = is_fan ? guard_.fan_error(guard, w.x(c), y, height)
+                                                     : std::abs(z + per_col * col - height) + guard.extra_m;
+                           const double error =
+                               std::max(own, std::abs(served_z + served_per_col * col - height) + served_rounding_m_);
+                           if (error >= worst && origins[c - c_begin] != PostOrigin::kInterpolated) {
+                             consider(error, w.x(c), y, row_index + c);
+                           }
+                         }
+                       });
     };
     posts_.for_promising_rows(
         plan, w, worst,

@@ -30,6 +30,8 @@ constexpr double kLineShare = 0.1;
 // take a moment, in which drainage and loading touch more than tiles do.
 constexpr double kMapsWhileReading = 0.4;
 constexpr double kMapsWhileBuilding = 0.48;
+// Share of it that pages of posts take, of all threads together.
+constexpr double kPagesOfPosts = 0.2;
 
 double seconds_since(std::chrono::steady_clock::time_point start) {
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
@@ -292,6 +294,13 @@ Result<BuildReport> build_pyramid(const BuildOptions& options, Progress& progres
   report.given = lines->given;
   ::malloc_trim(0);  // many small blocks were freed
   report.line_seconds = seconds_since(line_start);
+  // The calling thread looks at posts, too.
+  const double held_bytes = static_cast<double>(options.memory_bytes) * kPagesOfPosts / (report.threads + 1);
+  if (auto turned =
+          source->turn_into_pages(scratch_dir, static_cast<std::size_t>(held_bytes), report.threads, options.cancel);
+      !turned) {
+    return give_up(turned.error());
+  }
   HeightField field = source->field();
   field.pinned = lines->pyramid.pinned();
   source->describe(m);

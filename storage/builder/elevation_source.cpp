@@ -76,6 +76,12 @@ Result<void> ElevationSource::load(const Lattice& lattice, double base_height_m,
   return {};
 }
 
+Result<void> ElevationSource::turn_into_pages(const std::string& scratch_dir, std::size_t held_bytes, int threads,
+                                              CancelFlag cancel) {
+  return grid_ ? grid_->turn_into_pages(scratch_dir, held_bytes, threads, cancel)
+               : point_grid_->turn_into_pages(scratch_dir, held_bytes, threads, cancel);
+}
+
 void ElevationSource::describe(Manifest& m) const {
   m.bounds_deg = bounds_deg();
   m.spacing_deg = {lon_spacing_deg(), lat_spacing_deg()};

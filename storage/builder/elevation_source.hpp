@@ -61,6 +61,9 @@ class ElevationSource {
                     int threads, const std::function<void(double)>& progress, CancelFlag cancel = nullptr);
   /// After load(): valid as long as this object.
   const HeightField& field() const { return grid_ ? grid_->field() : point_grid_->field(); }
+  /// Moves the field's posts from arrays into pages (HeightField::pages), of which each thread holds so many bytes: for
+  /// who looks at posts here and there. Copies of field() are void. kIo: no disk space; kInterrupted.
+  Result<void> turn_into_pages(const std::string& scratch_dir, std::size_t held_bytes, int threads, CancelFlag cancel);
   const SourceCounts& counts() const { return counts_; }
   /// Sets the manifest's members about the source; those about its posts after load() only.
   void describe(Manifest& manifest) const;

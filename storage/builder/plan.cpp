@@ -73,11 +73,10 @@ std::vector<TileKey> touched_tiles(const HeightField& field, int level) {
         return true;
       },
       [&](std::int64_t r, std::int64_t begin, std::int64_t end) {
-        const PostOrigin* row = field.origins + r * field.n_cols;
         for (std::int64_t c = begin; c < end; ++c) {
-          if (row[c] == PostOrigin::kBase) continue;
+          if (field.origin_at(r, c) == PostOrigin::kBase) continue;
           const std::int64_t first = c;
-          while (c + 1 < end && row[c + 1] != PostOrigin::kBase) ++c;
+          while (c + 1 < end && field.origin_at(r, c + 1) != PostOrigin::kBase) ++c;
           touch({r, first, 1, c - first + 1});
         }
       });

@@ -124,6 +124,14 @@ class PyramidBuilder {
  private:
   bool cancelled() const { return input_.cancel && input_.cancel->load(std::memory_order_relaxed); }
 
+  // What was made of posts that could not be read must not be stored.
+  Result<void> lost_posts() const {
+    const bool lost =
+        (field_.pages != nullptr && field_.pages->failed()) || (field_.blocks != nullptr && field_.blocks->failed());
+    if (!lost) return {};
+    return fail(ErrorKind::kIo, "the scratch file of the posts cannot be read");
+  }
+
   static Error interrupted() { return {ErrorKind::kInterrupted, "interrupted"}; }
 
   // The stored body of a tile of the level above. Copied, because the writer's views do not outlive the next append;
@@ -171,6 +179,10 @@ class PyramidBuilder {
     const auto consume = [&](std::size_t i, Line&& line) {
       if (!line) {
         error = line.error();
+        return false;
+      }
+      if (const auto lost = lost_posts(); !lost) {
+        error = lost.error();
         return false;
       }
       borders_.add(roots[i], std::move(*line));
@@ -428,6 +440,7 @@ class PyramidBuilder {
         error = tile.error();
         return false;
       }
+      if (failed(lost_posts())) return false;
       const PieceKey body{PieceKind::kBody, tiles[i].level, tiles[i].x, tiles[i].y};
       for (; next_piece < pieces.size() && pieces[next_piece] < body; ++next_piece) {
         if (failed(append_border_piece(pieces[next_piece], tally, parts))) return false;

@@ -70,9 +70,23 @@ void add_posts(Digest& digest, const HeightField& field, const TileKey& key) {
     digest.add_value(field.post_x(c_first) + turn - west);
     digest.add_value(field.post_y(r_first) - south);
     const auto n = static_cast<std::size_t>(c_last - c_first + 1);
-    for (std::int64_t r = r_first; r <= r_last; ++r) {
-      digest.add(field.heights_m + r * field.n_cols + c_first, n * sizeof(float));
-      digest.add(field.origins + r * field.n_cols + c_first, n * sizeof(PostOrigin));
+    if (field.pages == nullptr) {
+      for (std::int64_t r = r_first; r <= r_last; ++r) {
+        digest.add(field.heights_m + r * field.n_cols + c_first, n * sizeof(float));
+        digest.add(field.origins + r * field.n_cols + c_first, n * sizeof(PostOrigin));
+      }
+      continue;
+    }
+    // As many rows at once as pages have.
+    std::vector<float> heights(n * PostPages::kSide);
+    std::vector<PostOrigin> origins(n * PostPages::kSide);
+    for (std::int64_t r = r_first; r <= r_last;) {
+      const std::int64_t r_end = std::min(r_last + 1, (r / PostPages::kSide + 1) * PostPages::kSide);
+      field.pages->copy(r, c_first, r_end - r, c_last - c_first + 1, heights.data(), origins.data());
+      for (std::size_t at = 0; r < r_end; ++r, at += n) {
+        digest.add(heights.data() + at, n * sizeof(float));
+        digest.add(origins.data() + at, n * sizeof(PostOrigin));
+      }
     }
   }
 }

@@ -124,14 +124,14 @@ bool is_outside(const HeightField& field, std::int64_t x, std::int64_t y) {
   // Nearest row and column by truncation, which is floor from here on: this is asked for every vertex.
   const double v = (static_cast<double>(y) - field.y0) / field.dy + 0.5;
   if (!(v >= 0) || v >= static_cast<double>(field.n_rows)) return true;
-  const PostOrigin* row = field.origins + static_cast<std::int64_t>(v) * field.n_cols;
+  const auto r = static_cast<std::int64_t>(v);
   const double n_cols = static_cast<double>(field.n_cols), width = static_cast<double>(field.lattice.width());
   for (const double turn : {0.0, width, -width}) {
     const double u = (static_cast<double>(x) + turn - field.x0) / field.dx + 0.5;
     // Of a ring the seam's eastern half cell belongs to its first column.
     if (!(u >= 0) || u >= n_cols + (field.wraps ? 1 : 0)) continue;
     const auto c = static_cast<std::int64_t>(u);
-    const PostOrigin origin = row[c < field.n_cols ? c : 0];
+    const PostOrigin origin = field.origin_at(r, c < field.n_cols ? c : 0);
     if (is_of_source(origin) || origin == PostOrigin::kFilled) return false;
   }
   return true;

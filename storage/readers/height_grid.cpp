@@ -253,6 +253,10 @@ HeightGrid::HeightGrid(HeightGrid&&) noexcept = default;
 HeightGrid& HeightGrid::operator=(HeightGrid&&) noexcept = default;
 HeightGrid::~HeightGrid() = default;
 const HeightField& HeightGrid::field() const { return impl_->field; }
+Result<void> HeightGrid::turn_into_pages(const std::string& scratch_dir, std::size_t held_bytes, int threads,
+                                         CancelFlag cancel) {
+  return impl_->arrays.turn_into_pages(impl_->field, scratch_dir, held_bytes, threads, cancel);
+}
 const HeightGridCounts& HeightGrid::counts() const { return impl_->counts; }
 const std::vector<std::string>& HeightGrid::notes() const { return impl_->notes; }
 

@@ -256,6 +256,10 @@ PointGrid::PointGrid(PointGrid&&) noexcept = default;
 PointGrid& PointGrid::operator=(PointGrid&&) noexcept = default;
 PointGrid::~PointGrid() = default;
 const HeightField& PointGrid::field() const { return impl_->field; }
+Result<void> PointGrid::turn_into_pages(const std::string& scratch_dir, std::size_t held_bytes, int threads,
+                                        CancelFlag cancel) {
+  return impl_->arrays.turn_into_pages(impl_->field, scratch_dir, held_bytes, threads, cancel);
+}
 const PointGridCounts& PointGrid::counts() const { return impl_->counts; }
 const std::vector<std::string>& PointGrid::notes() const { return impl_->notes; }
 

@@ -47,6 +47,8 @@ class PointGrid {
   ~PointGrid();
 
   const HeightField& field() const;  ///< Valid as long as this object.
+  /// As PostArrays::turn_into_pages. Not while anybody looks at the field.
+  Result<void> turn_into_pages(const std::string& scratch_dir, std::size_t held_bytes, int threads, CancelFlag cancel);
   const PointGridCounts& counts() const;
   const std::vector<std::string>& notes() const;  ///< Lines for the user: what was assumed or changed.
 

@@ -3,11 +3,13 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <memory>
 #include <span>
 #include <string>
 #include <vector>
 
 #include "core/height_field.hpp"
+#include "core/post_pages.hpp"
 #include "core/result.hpp"
 #include "storage/readers/cancel.hpp"
 #include "storage/readers/scratch_map.hpp"
@@ -15,8 +17,8 @@
 
 namespace tind {
 
-/// The arrays behind a height field's grid, in one scratch file: heights, origins, and room for their blocks. All zero
-/// (that is, voids) at first.
+/// The posts behind a height field's grid, in scratch files: heights, origins, and room for their blocks. All zero
+/// (that is, voids) at first; arrays while they are made, pages once they are looked at here and there.
 class PostArrays {
  public:
   /// As ScratchMap::create. Preconditions: n_rows, n_cols >= 1.
@@ -32,15 +34,23 @@ class PostArrays {
   /// Builds the blocks of the attached field's posts and points it at them; valid as long as this object, which must
   /// not move any more. When `cancel` is set it ends early and the field gets none.
   void build_blocks(HeightField& field, int threads, CancelFlag cancel);
+  /// Moves the posts of the attached field and their blocks, which are built, into pages; the arrays are gone then. A
+  /// thread holds up to `held_bytes` of pages. Valid as long as this object. kIo: no disk space (1.2 bytes a post more
+  /// than before; all of it once more where the file system cannot free parts of a file). kInterrupted: neither arrays
+  /// nor pages are left.
+  Result<void> turn_into_pages(HeightField& field, const std::string& folder, std::size_t held_bytes, int threads,
+                               CancelFlag cancel);
 
  private:
-  ScratchMap map_;
+  ScratchMap map_, block_map_;
   std::int64_t n_rows_ = 0, n_cols_ = 0;
   float* heights_m_ = nullptr;
   PostOrigin* origins_ = nullptr;
   std::span<std::byte> block_memory_;
   std::vector<PostOrigin> source_row_;  ///< As many kSource as were taken at once.
   PostBlocks blocks_;
+  std::unique_ptr<PostPages> pages_;
+  std::unique_ptr<PostBlockPages> block_pages_;
 };
 
 }  // namespace tind

@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "storage/readers/resident_maps.hpp"
 
+#include <cstdint>
 #include <map>
 #include <mutex>
 
 #include <sys/mman.h>
+#include <unistd.h>
 
 namespace tind {
 namespace {
@@ -24,6 +26,12 @@ Registry& registry() {
 void release_map(void* address, std::size_t n_bytes) {
   // A failure leaves the pages where they are: nothing is lost.
   if (address != nullptr) ::madvise(address, n_bytes, MADV_DONTNEED);
+}
+
+void release_pages_around(const void* address, std::size_t n_bytes) {
+  const auto page = static_cast<std::uintptr_t>(::sysconf(_SC_PAGESIZE));
+  const auto at = reinterpret_cast<std::uintptr_t>(address), begin = at / page * page;
+  release_map(reinterpret_cast<void*>(begin), at + n_bytes - begin);
 }
 
 ResidentMap::ResidentMap(void* address, std::size_t n_bytes) : address_(address) {

@@ -12,6 +12,9 @@ namespace tind {
 /// anonymous memory, whose contents this would erase; page-aligned. Null is ignored.
 void release_map(void* address, std::size_t n_bytes);
 
+/// The same for all pages that hold some of the bytes.
+void release_pages_around(const void* address, std::size_t n_bytes);
+
 /// Names a map to release_resident_maps() while this object lives. Any number of them; thread safe.
 class ResidentMap {
  public:

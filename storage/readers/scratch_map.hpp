@@ -7,6 +7,7 @@
 
 #include "core/result.hpp"
 #include "storage/readers/resident_maps.hpp"
+#include "storage/readers/scratch_file.hpp"
 
 namespace tind {
 
@@ -22,28 +23,28 @@ class ScratchMap {
   ScratchMap(ScratchMap&& other) noexcept
       : address_(std::exchange(other.address_, nullptr)),
         n_bytes_(std::exchange(other.n_bytes_, 0)),
-        fd_(std::exchange(other.fd_, -1)),
+        file_(std::move(other.file_)),
         resident_(std::move(other.resident_)) {}
   ScratchMap& operator=(ScratchMap&& other) noexcept {
     std::swap(address_, other.address_);
     std::swap(n_bytes_, other.n_bytes_);
-    std::swap(fd_, other.fd_);
+    std::swap(file_, other.file_);
     std::swap(resident_, other.resident_);
     return *this;
   }
   ~ScratchMap();
   void* data() const { return address_; }
-  /// The same as a copy of `n_bytes` to data() + offset, without bringing pages into this process's memory: for what is
-  /// written once, in long stretches. False: the system refused (EIO), errno says why. Precondition: it fits.
-  bool write(std::uint64_t offset, const void* from, std::uint64_t n_bytes);
+  /// The file behind the map: the same bytes, for what is read or written once, in long stretches, without bringing
+  /// pages into this process's memory.
+  ScratchFile& file() { return file_; }
 
  private:
-  ScratchMap(void* address, std::uint64_t n_bytes, int fd)
-      : address_(address), n_bytes_(n_bytes), fd_(fd), resident_(address, n_bytes) {}
+  ScratchMap(void* address, std::uint64_t n_bytes, ScratchFile file)
+      : address_(address), n_bytes_(n_bytes), file_(std::move(file)), resident_(address, n_bytes) {}
 
   void* address_ = nullptr;
   std::uint64_t n_bytes_ = 0;
-  int fd_ = -1;
+  ScratchFile file_;
   ResidentMap resident_;
 };
 
