@@ -250,8 +250,11 @@ bool Catalog::read_ahead() {
     lists_stale_ = true;
     return true;
   }
-  read_ahead_done_ = true;
   if (lists_stale_) publish();
+  for (const auto& [name, slot] : slots_) {
+    if (slot->look_at_pages()) return true;
+  }
+  read_ahead_done_ = true;
   return false;
 }
 

@@ -42,8 +42,8 @@ class Catalog {
   /// The same with other files and folders.
   CatalogChange refresh(std::vector<DatasetSpec> specs);
 
-  /// Reads one file that nobody asked for yet, so that lists can say more about it and a broken one is told of. False:
-  /// there is none left, and the lists say so.
+  /// Reads one file that nobody asked for yet, so that lists can say more about it and a broken one is told of; after
+  /// all those looks at the pages of one. False: there is none left.
   bool read_ahead();
   /// Closes those of the open files that were not asked for longest, until no more than the limit are open.
   void close_excess();

@@ -22,6 +22,9 @@
 namespace tind {
 namespace {
 
+// The pages of a larger file would take longer than a service manager waits for a sign of life.
+constexpr std::uintmax_t kMostLookedAtBytes = std::uintmax_t{4} << 30;
+
 std::string tile_name(const Dataset& dataset, const TileKey& key) {
   return fmt::format("{} {}/{}/{}", dataset.name, key.level, key.x, key.y);
 }
@@ -36,12 +39,14 @@ std::string fingerprint(std::initializer_list<std::string_view> texts) {
   return hash.hex();
 }
 
-Result<Dataset> open_dataset(const std::string& path, std::string name) {
+Result<Dataset> open_dataset(const std::string& path, std::string name, TreeExtent looked_at) {
   if (name.empty()) name = std::filesystem::path(path).stem().string();
   if (name.empty() || is_reserved_name(name)) {
     return fail(ErrorKind::kInvalidInput, path + ": '" + name + "' is a name the daemon needs itself; rename the file");
   }
-  auto store = TileStore::open(path);
+  std::error_code no_size;
+  if (std::filesystem::file_size(path, no_size) > kMostLookedAtBytes && !no_size) looked_at = TreeExtent::kLastPath;
+  auto store = TileStore::open(path, looked_at);
   if (!store) return tl::unexpected(store.error());
   const auto broken = [&](const Error& error) { return fail(error.kind, path + ": " + error.message); };
   auto snapshot = store->snapshot();

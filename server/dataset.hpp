@@ -26,8 +26,9 @@ struct Dataset {
 };
 
 /// Opens a file, to be called `name` (empty: its stem). Fails as TileStore::open and decode_manifest do, and with
-/// kInvalidInput on a name that a route has.
-Result<Dataset> open_dataset(const std::string& path, std::string name = {});
+/// kInvalidInput on a name that a route has. `looked_at`: as there, but of files above 4 GB
+/// only the way to the manifest is looked at.
+Result<Dataset> open_dataset(const std::string& path, std::string name = {}, TreeExtent looked_at = TreeExtent::kWhole);
 
 /// Reads and assembles a tile. nullopt: not stored. kCorrupt: a piece is missing or broken.
 Result<std::optional<VirtualNode>> load_tile(const Dataset& dataset, const TileStore::Snapshot& snapshot,

@@ -63,6 +63,7 @@ DatasetSlot::DatasetSlot(DatasetSource source, std::shared_ptr<DatasetSlot> base
     : source_(std::move(source)), base_(std::move(base)), limit_(std::move(limit)), opened_(std::move(opened)) {
   if (!opened_) return;
   summary_ = summarize(*opened_);
+  is_looked_at_ = true;
   ++limit_->n_open;
 }
 
@@ -82,12 +83,14 @@ Result<std::shared_ptr<const ServedDataset>> DatasetSlot::open() {
     base = std::move(*opened);
   }
   if (!opened_) {
-    auto dataset = open_dataset(source_.path, source_.name);
+    const TreeExtent looked_at = is_looked_at_ ? TreeExtent::kLastPath : TreeExtent::kWhole;
+    auto dataset = open_dataset(source_.path, source_.name, looked_at);
     if (!dataset) {
       error_ = dataset.error();
       log_error(error_->message);
       return tl::unexpected(*error_);
     }
+    is_looked_at_ = true;
     opened_ = std::make_shared<const Dataset>(std::move(*dataset));
     summary_ = summarize(*opened_);
     if (++limit_->n_open > limit_->max_open && limit_->on_excess) limit_->on_excess();
@@ -112,13 +115,30 @@ Result<void> DatasetSlot::read_summary() {
   const std::lock_guard lock(mutex_);
   if (error_) return tl::unexpected(*error_);
   if (summary_) return {};
-  const auto dataset = open_dataset(source_.path, source_.name);
+  const auto dataset = open_dataset(source_.path, source_.name, TreeExtent::kLastPath);
   if (dataset) {
     summary_ = summarize(*dataset);
     return {};
   }
   error_ = dataset.error();
   return tl::unexpected(*error_);
+}
+
+bool DatasetSlot::look_at_pages() {
+  {
+    const std::lock_guard lock(mutex_);
+    if (is_looked_at_ || error_) return false;
+  }
+  const auto dataset = open_dataset(source_.path, source_.name);
+  const std::lock_guard lock(mutex_);
+  if (is_looked_at_ || error_) return true;  // somebody opened it meanwhile
+  if (dataset) {
+    is_looked_at_ = true;
+  } else {
+    error_ = dataset.error();
+    log_error(error_->message);
+  }
+  return true;
 }
 
 std::optional<DatasetSummary> DatasetSlot::summary() const {

@@ -168,7 +168,7 @@ TileStore::TileStore(TileStore&&) noexcept = default;
 TileStore& TileStore::operator=(TileStore&&) noexcept = default;
 TileStore::~TileStore() = default;
 
-Result<TileStore> TileStore::open(const std::string& path) {
+Result<TileStore> TileStore::open(const std::string& path, TreeExtent looked_at) {
   struct stat info {};
   if (::stat(path.c_str(), &info) != 0) {
     return fail(errno == ENOENT ? ErrorKind::kNotFound : ErrorKind::kIo, path + ": " + std::strerror(errno));
@@ -198,6 +198,13 @@ Result<TileStore> TileStore::open(const std::string& path) {
   if (static_cast<std::uint64_t>(info.st_size) < needed) {
     return fail(ErrorKind::kCorrupt,
                 path + ": truncated: " + std::to_string(info.st_size) + " of " + std::to_string(needed) + " bytes");
+  }
+  int file = -1;
+  mdb_env_get_fd(impl->env, &file);
+  const auto pages = StorePages::of_file(file, path);
+  if (!pages) return tl::unexpected(pages.error());
+  if (const auto fault = pages->find_tree_fault(looked_at)) {
+    return fail(ErrorKind::kCorrupt, path + ": damaged: " + *fault + "; tind --check tells more");
   }
   MDB_txn* txn = nullptr;
   if (const int code = mdb_txn_begin(impl->env, nullptr, MDB_RDONLY, &txn)) {

@@ -9,6 +9,7 @@
 #include "core/format/bytes.hpp"
 #include "core/piece_key.hpp"
 #include "core/result.hpp"
+#include "storage/store_pages.hpp"
 
 namespace tind {
 
@@ -65,8 +66,10 @@ class TileStore {
     std::unique_ptr<Impl> impl_;
   };
 
-  /// Opens read-only. Fails with kNotFound, kIo, or kCorrupt (not an LMDB file; no manifest).
-  static Result<TileStore> open(const std::string& path);
+  /// Opens read-only, after a look at the tree's pages: LMDB trusts them, and a damaged one would take the program
+  /// down. `looked_at`: kLastPath when only the manifest will be read, or the whole was looked at before. Fails with
+  /// kNotFound, kIo, or kCorrupt (not an LMDB file; damaged pages; no manifest).
+  static Result<TileStore> open(const std::string& path, TreeExtent looked_at = TreeExtent::kWhole);
   TileStore(TileStore&&) noexcept;
   TileStore& operator=(TileStore&&) noexcept;
   ~TileStore();

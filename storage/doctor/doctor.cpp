@@ -14,7 +14,7 @@
 
 #include "core/format/fnv1a.hpp"
 #include "storage/doctor/manifest_checks.hpp"
-#include "storage/doctor/store_pages.hpp"
+#include "storage/store_pages.hpp"
 #include "storage/doctor/tile_checks.hpp"
 #include "storage/doctor/value_check.hpp"
 #include "storage/inputs_blob.hpp"

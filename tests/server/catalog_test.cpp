@@ -43,6 +43,19 @@ class CatalogTest : public testing::Test {
     fs::last_write_time(path("broken"), fs::file_time_type::clock::now() - std::chrono::seconds(age_s));
     fs::rename(path("broken"), path(file));
   }
+  // The first leaf page of a file of several (LMDB: flags at byte 10 of a page), which its manifest is not on.
+  void hurt_a_page(const std::string& file) {
+    constexpr std::size_t kPage = 4096;
+    std::ifstream in(path(file), std::ios::binary);
+    std::string bytes{std::istreambuf_iterator<char>(in), {}};
+    std::size_t at = 2 * kPage;
+    while (at < bytes.size() && bytes.compare(at + 10, 2, std::string("\2\0", 2)) != 0) at += kPage;
+    ASSERT_LT(at, bytes.size());
+    bytes.replace(at + 12, 2, "\xff\x7f");  // where its list of nodes ends
+    const auto written = fs::last_write_time(path(file));
+    std::ofstream(path(file), std::ios::binary) << bytes;
+    fs::last_write_time(path(file), written);
+  }
   std::string path(const std::string& file) const { return directory_.path + "/" + file; }
   void open(std::vector<DatasetSpec> specs, int max_open = 256) {
     Settings settings;
@@ -159,6 +172,39 @@ TEST_F(CatalogTest, TruncatedFilesAreRefused) {
   EXPECT_EQ(version("a"), before);
 }
 
+TEST_F(CatalogTest, AFileWithADamagedPageIsRefusedAndTheOldOneStays) {
+  put("a.tind", 60);
+  open({{path("a.tind")}});
+  const std::string before = version("a");
+  put("b", 61);
+  hurt_a_page("b");
+  fs::rename(path("b"), path("a.tind"));
+  const CatalogChange change = catalog_->refresh(false);
+  ASSERT_EQ(change.failed.size(), 1u);
+  EXPECT_THAT(change.failed[0].message, testing::AllOf(HasSubstr("damaged: page"), HasSubstr("stays in service")));
+  EXPECT_EQ(version("a"), before);
+}
+
+TEST_F(CatalogTest, DamagedPagesInFoldersAreFoundWhenAskedForAndBefore) {
+  fs::create_directory(path("f"));
+  for (const char* file : {"f/asked.tind", "f/unasked.tind"}) {
+    put(file, 60);
+    hurt_a_page(file);
+  }
+  put("f/sound.tind", 60);
+  open({{path("f")}});
+  testing::internal::CaptureStderr();
+  EXPECT_FALSE(slot("asked")->open().has_value());
+  while (catalog_->read_ahead()) {
+  }
+  const std::string log = testing::internal::GetCapturedStderr();
+  EXPECT_THAT(log, testing::AllOf(HasSubstr("asked.tind: damaged: page"), HasSubstr("unasked.tind: damaged: page")));
+  EXPECT_EQ(std::count(log.begin(), log.end(), '\n'), 2) << log;
+  EXPECT_TRUE(slot("unasked")->has_failed());
+  EXPECT_FALSE(slot("unasked")->open().has_value());
+  EXPECT_TRUE(slot("sound")->open().has_value());
+}
+
 TEST_F(CatalogTest, FoldersAreReadLazilyAndFollowed) {
   fs::create_directory(path("f"));
   put("f/a.tind", 60);
@@ -244,7 +290,7 @@ TEST_F(CatalogTest, ListsKnowAllDatasetsWithoutKeepingThemOpen) {
   int n_reads = 0;
   while (catalog_->read_ahead()) ++n_reads;
   EXPECT_THAT(testing::internal::GetCapturedStderr(), HasSubstr("c.tind"));
-  EXPECT_EQ(n_reads, 3);
+  EXPECT_EQ(n_reads, 3 + 2) << "three manifests, then the pages of two";
   EXPECT_FALSE(catalog_->read_ahead());
   ASSERT_EQ(list().size(), 2u) << "without the broken one";
   EXPECT_EQ(list()[1]["bottom_level"], 1);

@@ -9,7 +9,7 @@
 #include <set>
 
 #include "storage/doctor/check_command.hpp"
-#include "storage/doctor/store_pages.hpp"
+#include "storage/store_pages.hpp"
 #include "storage/inputs_blob.hpp"
 #include "storage/piece_blob.hpp"
 #include "storage/zstd_codec.hpp"

@@ -1,8 +1,12 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "storage/tile_store.hpp"
 
+#include <cstring>
 #include <filesystem>
 #include <fstream>
+#include <iterator>
+#include <numeric>
+#include <random>
 
 #include <gtest/gtest.h>
 #include <lmdb.h>
@@ -118,6 +122,106 @@ TEST_F(TileStoreTest, APieceThatIsMissingBesideItsBodyIsEmpty) {
   std::array<ByteView, 9> values;
   ASSERT_TRUE(snapshot->find_tile({2, 3, 1}, values));
   for (std::size_t k = 0; k < values.size(); ++k) EXPECT_EQ(values[k].empty(), k == 5) << k;
+}
+
+// Every tile of level 5 in a store of a few hundred leaf pages.
+std::string write_deep_store(const std::string& file) {
+  std::vector<PieceKey> keys;
+  for (std::uint32_t y = 0; y < TileKey::count_y(5); ++y) {
+    for (std::uint32_t x = 0; x < TileKey::count_x(5); ++x) {
+      for (const PieceKey& key : pieces_of({5, x, y})) keys.push_back(key);
+    }
+  }
+  std::sort(keys.begin(), keys.end());
+  keys.erase(std::unique(keys.begin(), keys.end()), keys.end());
+  auto writer = TileStoreWriter::create(file);
+  EXPECT_TRUE(writer) << writer.error().message;
+  for (const PieceKey& key : keys) {
+    EXPECT_TRUE(writer->append(key, Bytes(key.kind == PieceKind::kBody && key.i % 8 == 0 ? 5000 : 40, 1)));
+  }
+  EXPECT_TRUE(writer->finish(Bytes{'{', '}'}));
+  return file;
+}
+
+std::string bytes_of(const std::string& file) {
+  std::ifstream in(file, std::ios::binary);
+  return {std::istreambuf_iterator<char>(in), {}};
+}
+
+void write_bytes(const std::string& file, const std::string& bytes) {
+  std::ofstream(file, std::ios::binary | std::ios::trunc)
+      .write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
+}
+
+constexpr std::size_t kPage = 4096;
+enum : char { kBranchPage = 1, kLeafPage = 2 };
+
+// Where pages of a kind begin (mdb.c: flags at byte 10 of a page).
+std::vector<std::size_t> pages_of(const std::string& bytes, char kind) {
+  std::vector<std::size_t> pages;
+  for (std::size_t at = 2 * kPage; at < bytes.size(); at += kPage) {
+    std::uint64_t number = 0;
+    std::memcpy(&number, bytes.data() + at, sizeof number);
+    if (number == at / kPage && bytes[at + 10] == kind && bytes[at + 11] == 0) pages.push_back(at);
+  }
+  return pages;
+}
+
+TEST_F(TileStoreTest, DamagedPagesAreRefusedBeforeLmdbTrustsThem) {
+  const std::string sound = bytes_of(write_deep_store(path("deep.tind")));
+  const auto leaves = pages_of(sound, kLeafPage), branches = pages_of(sound, kBranchPage);
+  ASSERT_GT(leaves.size(), 50u);
+  ASSERT_GE(branches.size(), 1u);
+  int n_last_paths = 0, n_unused = 0;
+  for (const auto& pages : {leaves, branches}) {
+    for (const std::size_t page : pages) {
+      std::string bytes = sound;
+      bytes[page + 12] = static_cast<char>(0xff);  // where its list of nodes ends
+      bytes[page + 13] = static_cast<char>(0x7f);
+      write_bytes(path("hurt.tind"), bytes);
+      const auto store = TileStore::open(path("hurt.tind"));
+      if (store) {
+        ++n_unused;
+        continue;
+      }
+      EXPECT_EQ(store.error().kind, ErrorKind::kCorrupt);
+      EXPECT_NE(store.error().message.find("damaged"), std::string::npos) << store.error().message;
+      n_last_paths += TileStore::open(path("hurt.tind"), TreeExtent::kLastPath) ? 0 : 1;
+    }
+  }
+  EXPECT_LE(n_unused, 4) << "pages that the writer gave up";
+  EXPECT_GE(n_last_paths, 2) << "the last leaf, and a branch page at least";
+  EXPECT_LT(n_last_paths, static_cast<int>(branches.size()) + 2) << "no leaf but the last";
+}
+
+TEST_F(TileStoreTest, WhatOpensAfterFlippedBitsCanBeReadWhole) {
+  const std::string sound = bytes_of(write_deep_store(path("deep.tind")));
+  std::vector<std::size_t> pages = pages_of(sound, kLeafPage);
+  for (const std::size_t page : pages_of(sound, kBranchPage)) pages.insert(pages.end(), 20, page);
+  std::mt19937_64 random(20261122);
+  int n_opened = 0;
+  for (int k = 0; k < 400; ++k) {
+    std::string bytes = sound;
+    const std::size_t at = pages[random() % pages.size()] + random() % (k % 2 == 0 ? 64 : kPage);
+    bytes[at] = static_cast<char>(bytes[at] ^ (1 << random() % 8));
+    write_bytes(path("hurt.tind"), bytes);
+    const auto store = TileStore::open(path("hurt.tind"));
+    if (!store) continue;
+    ++n_opened;
+    const auto snapshot = store->snapshot();
+    ASSERT_TRUE(snapshot);
+    std::size_t sum = 0;
+    for (std::uint32_t x = 0; x < TileKey::count_x(5); ++x) {
+      for (std::uint32_t y = 0; y < TileKey::count_y(5); ++y) {
+        std::array<ByteView, 9> values;
+        if (!snapshot->find_tile({5, x, y}, values)) continue;
+        for (const ByteView value : values) sum = std::accumulate(value.begin(), value.end(), sum);
+      }
+    }
+    EXPECT_GT(sum, 0u);
+  }
+  EXPECT_GT(n_opened, 40);
+  EXPECT_LT(n_opened, 360);
 }
 
 TEST_F(TileStoreTest, KeepsKeysInStorageOrderWithTheManifestLast) {

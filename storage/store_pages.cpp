@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-#include "storage/doctor/store_pages.hpp"
+#include "storage/store_pages.hpp"
 
 #include <fcntl.h>
 #include <fmt/format.h>
@@ -84,14 +84,26 @@ std::optional<Meta> newest_meta(ByteView file) {
   return first->transaction < second->transaction ? second : first;
 }
 
+std::string flags_fault(const Meta& meta) {
+  return fmt::format("the database has flags {:#x} that no builder sets", meta.records.flags);
+}
+
 bool less(ByteView a, ByteView b) { return std::lexicographical_compare(a.begin(), a.end(), b.begin(), b.end()); }
 
 // One walk over one tree.
 class TreeWalk {
  public:
   TreeWalk(ByteView file, const Meta& meta, const Tree& tree, std::vector<bool>& visited,
-           const StorePages::OnRecord& on_record, const StorePages::OnFault& on_fault)
-      : file_(file), meta_(meta), tree_(tree), visited_(visited), on_record_(on_record), on_fault_(on_fault) {}
+           const StorePages::OnRecord& on_record, const StorePages::OnFault& on_fault, bool looks_at_values = true,
+           TreeExtent extent = TreeExtent::kWhole)
+      : file_(file),
+        meta_(meta),
+        tree_(tree),
+        visited_(visited),
+        on_record_(on_record),
+        on_fault_(on_fault),
+        looks_at_values_(looks_at_values),
+        extent_(extent) {}
 
   void run() {
     if (tree_.root == kNoPage) {
@@ -103,7 +115,7 @@ class TreeWalk {
       return;
     }
     visit(tree_.root, tree_.depth, {}, {});
-    if (is_damaged_) return;  // the counts would only repeat it
+    if (is_damaged_ || extent_ != TreeExtent::kWhole) return;  // the counts would only repeat it, or are not known
     const auto counted = [&](const char* what, std::uint64_t found, std::uint64_t said) {
       if (found != said) fault({}, fmt::format("{} {} are there, the meta page counts {}", found, what, said));
     };
@@ -200,7 +212,7 @@ class TreeWalk {
       }
       if (is_leaf) {
         take(node);
-      } else {
+      } else if (extent_ == TreeExtent::kWhole || k + 1 == nodes.size()) {
         visit(node.number, depth - 1, has_key ? node.key : first, k + 1 < nodes.size() ? nodes[k + 1].key : behind);
       }
     }
@@ -227,8 +239,8 @@ class TreeWalk {
                                number));
     }
     const ByteView pages = file_.subspan(number * meta_.page_bytes, n_pages * meta_.page_bytes);
-    if (at<std::uint64_t>(pages, 0) != number || at<std::uint16_t>(pages, 10) != kOverflow ||
-        at<std::uint32_t>(pages, 12) != n_pages) {
+    if (looks_at_values_ && (at<std::uint64_t>(pages, 0) != number || at<std::uint16_t>(pages, 10) != kOverflow ||
+                             at<std::uint32_t>(pages, 12) != n_pages)) {
       return fault(node.key, fmt::format("page {} is not the value's page that it should be", number));
     }
     n_overflow_ += n_pages;
@@ -241,6 +253,8 @@ class TreeWalk {
   std::vector<bool>& visited_;
   const StorePages::OnRecord& on_record_;
   const StorePages::OnFault& on_fault_;
+  const bool looks_at_values_;
+  const TreeExtent extent_;
   bool is_damaged_ = false;
   std::uint64_t n_entries_ = 0, n_branch_ = 0, n_leaf_ = 0, n_overflow_ = 0;
 };
@@ -249,24 +263,23 @@ class TreeWalk {
 
 Result<StorePages> StorePages::open(const std::string& path) {
   const int file = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
-  const auto errno_failure = [&] {
+  if (file < 0) {
     return fail(errno == ENOENT ? ErrorKind::kNotFound : ErrorKind::kIo, path + ": " + std::strerror(errno));
-  };
-  if (file < 0) return errno_failure();
+  }
+  auto pages = of_file(file, path);
+  ::close(file);
+  return pages;
+}
+
+Result<StorePages> StorePages::of_file(int file, const std::string& path) {
   struct stat info {};
   if (::fstat(file, &info) != 0 || !S_ISREG(info.st_mode)) {
-    ::close(file);
     return fail(ErrorKind::kInvalidInput, path + ": not a file; give a .tind file");
   }
   const auto n_bytes = static_cast<std::size_t>(info.st_size);
   void* const map = n_bytes == 0 ? MAP_FAILED : ::mmap(nullptr, n_bytes, PROT_READ, MAP_SHARED, file, 0);
   const bool is_mapped = map != MAP_FAILED;
-  if (n_bytes > 0 && !is_mapped) {
-    const auto failure = errno_failure();
-    ::close(file);
-    return failure;
-  }
-  ::close(file);
+  if (n_bytes > 0 && !is_mapped) return fail(ErrorKind::kIo, path + ": " + std::strerror(errno));
   StorePages pages(is_mapped ? ByteView(static_cast<const std::uint8_t*>(map), n_bytes) : ByteView());
   const auto meta = newest_meta(pages.view_);
   if (!meta) return fail(ErrorKind::kCorrupt, path + ": not a .tind file, or its meta pages are damaged");
@@ -274,7 +287,6 @@ Result<StorePages> StorePages::open(const std::string& path) {
     return fail(ErrorKind::kCorrupt, fmt::format("{}: cut off: {} bytes of at least {} pages of {} bytes", path,
                                                  n_bytes, meta->last_page, meta->page_bytes));
   }
-  ::madvise(map, n_bytes, MADV_SEQUENTIAL);
   return pages;
 }
 
@@ -288,9 +300,10 @@ StorePages::~StorePages() {
 }
 
 void StorePages::walk(const OnRecord& on_record, const OnFault& on_fault) const {
+  ::madvise(const_cast<std::uint8_t*>(view_.data()), view_.size(), MADV_SEQUENTIAL);
   const Meta meta = *newest_meta(view_);
   if (meta.records.flags != 0) {
-    on_fault({}, fmt::format("the database has flags {:#x} that no builder sets", meta.records.flags));
+    on_fault({}, flags_fault(meta));
     return;
   }
   std::vector<bool> visited(meta.last_page + 1, false);
@@ -298,6 +311,19 @@ void StorePages::walk(const OnRecord& on_record, const OnFault& on_fault) const 
   // The list of unused pages: only what holds it is looked at, and that no record is there.
   TreeWalk(view_, meta, meta.free_pages, visited, pass_over, on_fault).run();
   TreeWalk(view_, meta, meta.records, visited, on_record, on_fault).run();
+}
+
+std::optional<std::string> StorePages::find_tree_fault(TreeExtent extent) const {
+  const Meta meta = *newest_meta(view_);
+  if (meta.records.flags != 0) return flags_fault(meta);
+  std::vector<bool> visited(meta.last_page + 1, false);
+  std::optional<std::string> first;
+  const OnRecord pass_over = [](ByteView, ByteView) {};
+  const OnFault note = [&](ByteView, const std::string& what) {
+    if (!first) first = what;
+  };
+  TreeWalk(view_, meta, meta.records, visited, pass_over, note, false, extent).run();
+  return first;
 }
 
 }  // namespace tind

@@ -3,12 +3,19 @@
 
 #include <cstdint>
 #include <functional>
+#include <optional>
 #include <string>
 
 #include "core/format/bytes.hpp"
 #include "core/result.hpp"
 
 namespace tind {
+
+/// How much of a file's tree is looked at.
+enum class TreeExtent {
+  kWhole,     ///< Every branch and leaf page: any record can be read then.
+  kLastPath,  ///< The pages on the way to the last record, which is a pyramid's manifest: only that can be read.
+};
 
 /// A file of LMDB 0.9 (data format 1, 64-bit) read page by page, without LMDB: LMDB trusts its pages, and a damaged one
 /// would take the program down. What walk() finds no fault in, LMDB can read. Not thread safe; nobody may write the
@@ -17,6 +24,8 @@ class StorePages {
  public:
   /// Maps the file and looks at its two meta pages. kNotFound, kIo; kCorrupt: no LMDB file, or cut off.
   static Result<StorePages> open(const std::string& path);
+  /// The same of an open file, which stays the caller's; `path` is for messages.
+  static Result<StorePages> of_file(int file, const std::string& path);
   StorePages(StorePages&&) noexcept;
   StorePages& operator=(StorePages&&) noexcept;
   ~StorePages();
@@ -30,6 +39,11 @@ class StorePages {
   /// inside it and apart from each other, keys ascending and between those of the page above; and the meta page's
   /// counts. Records come in key order; those of damaged pages are left out.
   void walk(const OnRecord& on_record, const OnFault& on_fault) const;
+
+  /// What LMDB would stumble over, the first fault only; nullopt: nothing. Pages that hold nothing but one long value
+  /// are not looked at, only whether they are in the file, since LMDB reads nothing else of them: some 0.04 to 0.1 ms a
+  /// megabyte of a sound file that is in memory.
+  std::optional<std::string> find_tree_fault(TreeExtent extent) const;
 
   std::uint64_t file_bytes() const { return view_.size(); }
 
