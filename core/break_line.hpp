@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <span>
 #include <vector>
 
 namespace tind {
@@ -22,6 +23,9 @@ struct BreakChain {
   int first_level = 0;                ///< The coarsest level that draws the chain; every finer level does, too.
   double weight = 0;                  ///< Where two lines cannot both be drawn the heavier stays.
   bool in_valley = false;             ///< A stream: drawn off its valley's floor it would be none.
+  std::span<const BreakVertex> kept{};  ///< The vertices where there are none in `vertices`; memory of somebody else.
+
+  std::span<const BreakVertex> points() const { return vertices.empty() ? kept : vertices; }
 };
 
 }  // namespace tind

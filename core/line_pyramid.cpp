@@ -38,7 +38,7 @@ class LinePyramidBuilder {
   template <class Done>
   LinePyramidBuilder(LinePyramid& out, const Lattice& lattice, std::span<const BreakChain> input,
                      std::span<const LineDetail> detail, const ScratchAllocator& scratch, Done&& done)
-      : out_(out), lattice_(lattice), detail_(detail), bottom_(static_cast<int>(detail.size()) - 1) {
+      : out_(out), scratch_(scratch), lattice_(lattice), detail_(detail), bottom_(static_cast<int>(detail.size()) - 1) {
     out_.width_ = lattice.width();
     for (int level = 0; level <= bottom_; ++level) out_.side_.push_back(lattice.tile_side(level));
     load(input, scratch, done);
@@ -90,7 +90,7 @@ class LinePyramidBuilder {
       points.clear();
     };
     const BreakVertex* before = nullptr;
-    for (const BreakVertex& v : chain.vertices) {
+    for (const BreakVertex& v : chain.points()) {
       if (v.y <= 0 || v.y >= lattice_.height()) {
         finish();
         before = nullptr;
@@ -483,6 +483,8 @@ class LinePyramidBuilder {
       double weight;
     };
     std::vector<Ordered> pieces;
+    std::vector<Id> line_vertices;
+    std::vector<std::uint64_t> line_first;
     std::size_t open_line = std::numeric_limits<std::size_t>::max(), open_at = 0;
     for (const Segment& s : segments) {
       const Line& line = lines[s.line];
@@ -492,11 +494,11 @@ class LinePyramidBuilder {
         continue;
       }
       if (open_line != s.line || open_at != s.from) {
-        out.line_first.push_back(out.line_vertices.size());
+        line_first.push_back(line_vertices.size());
         out.line_chain.push_back(line.chain);
-        out.line_vertices.push_back(a);
+        line_vertices.push_back(a);
       }
-      out.line_vertices.push_back(b);
+      line_vertices.push_back(b);
       open_line = s.line;
       open_at = s.to;
       if (on_one_border(a, b, level)) continue;  // the border line itself is drawn there
@@ -506,30 +508,39 @@ class LinePyramidBuilder {
       const auto y = static_cast<std::uint32_t>((point(a).y + point(b).y) / (2 * side));
       pieces.push_back({{morton_code(x, y), a, b}, line.weight});
     }
-    out.line_first.push_back(out.line_vertices.size());
+    line_first.push_back(line_vertices.size());
     std::stable_sort(pieces.begin(), pieces.end(), [](const Ordered& p, const Ordered& q) {
       return p.piece.tile != q.piece.tile ? p.piece.tile < q.piece.tile : p.weight > q.weight;
     });
-    for (const Ordered& p : pieces) out.pieces.push_back(p.piece);
+    std::vector<LinePyramid::Piece> in_order;
+    in_order.reserve(pieces.size());
+    for (const Ordered& p : pieces) in_order.push_back(p.piece);
+    std::vector<Ordered>().swap(pieces);
+    out.pieces.settle(std::move(in_order), scratch_);
+    out.line_vertices.settle(std::move(line_vertices), scratch_);
+    out.line_first.settle(std::move(line_first), scratch_);
   }
 
   void collect_crossings() {
+    std::vector<LineCrossing> crossings;
     for (Id id = 0; id < static_cast<Id>(out_.vertices_.size()); ++id) {
       if (entry_[id] == kNone) continue;
       const LatticePoint& p = point(id);
       if (meridian_level_[id] != kNone) {
-        out_.crossings_.push_back({true, p.x, p.y, std::max(entry_[id], meridian_level_[id])});
+        crossings.push_back({true, p.x, p.y, std::max(entry_[id], meridian_level_[id])});
       }
       if (parallel_level_[id] != kNone) {
-        out_.crossings_.push_back({false, p.y, p.x, std::max(entry_[id], parallel_level_[id])});
+        crossings.push_back({false, p.y, p.x, std::max(entry_[id], parallel_level_[id])});
       }
     }
-    std::sort(out_.crossings_.begin(), out_.crossings_.end(), [](const LineCrossing& a, const LineCrossing& b) {
+    std::sort(crossings.begin(), crossings.end(), [](const LineCrossing& a, const LineCrossing& b) {
       return std::tie(a.vertical, a.at, a.t) < std::tie(b.vertical, b.at, b.t);
     });
+    out_.crossings_.settle(std::move(crossings), scratch_);
   }
 
   LinePyramid& out_;
+  const ScratchAllocator& scratch_;
   const Lattice& lattice_;
   const std::span<const LineDetail> detail_;
   const int bottom_;
@@ -566,8 +577,8 @@ std::span<const LineCrossing> LinePyramid::crossings(bool vertical, std::int64_t
     return std::tie(c.vertical, c.at, c.t) < key;
   };
   const auto first =
-      std::lower_bound(crossings_.begin(), crossings_.end(), std::tuple(vertical, at, start + 1), before);
-  const auto last = std::lower_bound(first, crossings_.end(), std::tuple(vertical, at, end), before);
+      std::lower_bound(crossings_.view.begin(), crossings_.view.end(), std::tuple(vertical, at, start + 1), before);
+  const auto last = std::lower_bound(first, crossings_.view.end(), std::tuple(vertical, at, end), before);
   return {first, last};
 }
 
@@ -576,10 +587,10 @@ std::vector<LineSegment> LinePyramid::segments(const TileKey& tile) const {
   if (empty()) return found;
   const Level& level = levels_[tile.level];
   const std::uint64_t code = morton_code(tile.x, tile.y);
-  const auto first = std::lower_bound(level.pieces.begin(), level.pieces.end(), code,
+  const auto first = std::lower_bound(level.pieces.view.begin(), level.pieces.view.end(), code,
                                       [](const Piece& p, std::uint64_t c) { return p.tile < c; });
   const std::int64_t west = side_[tile.level] * tile.x;
-  for (auto piece = first; piece != level.pieces.end() && piece->tile == code; ++piece) {
+  for (auto piece = first; piece != level.pieces.view.end() && piece->tile == code; ++piece) {
     LineSegment s{vertices_[piece->a], vertices_[piece->b]};
     if (s.a.x < west) s.a.x += width_;  // longitude +180
     if (s.b.x < west) s.b.x += width_;
@@ -592,10 +603,10 @@ std::vector<DrawnLine> LinePyramid::drawn(int level) const {
   std::vector<DrawnLine> lines;
   if (empty()) return lines;
   const Level& in = levels_[static_cast<std::size_t>(level)];
-  for (std::size_t l = 0; l + 1 < in.line_first.size(); ++l) {
+  for (std::size_t l = 0; l + 1 < in.line_first.view.size(); ++l) {
     DrawnLine line{{}, in.line_chain[l]};
-    for (std::uint64_t k = in.line_first[l]; k < in.line_first[l + 1]; ++k) {
-      line.vertices.push_back(vertices_[in.line_vertices[k]]);
+    for (std::uint64_t k = in.line_first.view[l]; k < in.line_first.view[l + 1]; ++k) {
+      line.vertices.push_back(vertices_[in.line_vertices.view[k]]);
     }
     lines.push_back(std::move(line));
   }

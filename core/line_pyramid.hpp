@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <limits>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include "core/break_line.hpp"
@@ -49,8 +51,8 @@ class LinePyramid {
   /// vertices, and where even that does not part them the lighter one has a gap. Deterministic in the order of
   /// `chains`.
   LinePyramid(const Lattice& lattice, std::span<const BreakChain> chains, std::span<const LineDetail> detail);
-  /// The same; frees the vertices of each chain as soon as it can. Takes 24 bytes a vertex from `scratch`, memory that
-  /// must outlive this object, or from the heap where `scratch` gives none.
+  /// The same; frees the vertices of each chain as soon as it can. Takes what it keeps (some 50 bytes a vertex) from
+  /// `scratch`, memory that must outlive this object, or from the heap where `scratch` gives none.
   LinePyramid(const Lattice& lattice, std::span<BreakChain> chains, std::span<const LineDetail> detail,
               const ScratchAllocator& scratch);
   LinePyramid(LinePyramid&&) noexcept = default;
@@ -68,9 +70,9 @@ class LinePyramid {
   std::vector<LineSegment> segments(const TileKey& tile) const;
   /// Number of vertices of the level's lines, and of their pieces inside tiles.
   std::uint64_t n_vertices(int level) const {
-    return empty() ? 0 : levels_[static_cast<std::size_t>(level)].line_vertices.size();
+    return empty() ? 0 : levels_[static_cast<std::size_t>(level)].line_vertices.view.size();
   }
-  std::uint64_t n_segments(int level) const { return levels_[static_cast<std::size_t>(level)].pieces.size(); }
+  std::uint64_t n_segments(int level) const { return levels_[static_cast<std::size_t>(level)].pieces.view.size(); }
   /// Pieces of the level that are not drawn because they cross a heavier line.
   std::uint64_t n_dropped(int level) const { return levels_[static_cast<std::size_t>(level)].n_dropped; }
 
@@ -82,10 +84,27 @@ class LinePyramid {
     std::uint64_t tile = 0;      // Morton code
     std::uint32_t a = 0, b = 0;  // indices of vertices_
   };
+  // Values that were made on the heap and then moved to scratch memory, where there is some.
+  template <class T>
+  struct Settled {
+    std::span<const T> view;
+    std::vector<T> owned;
+
+    void settle(std::vector<T> values, const ScratchAllocator& scratch) {
+      void* const memory = scratch && !values.empty() ? scratch(values.size() * sizeof(T)) : nullptr;
+      if (memory == nullptr) {
+        owned = std::move(values);
+        view = owned;
+        return;
+      }
+      view = {static_cast<const T*>(memory), values.size()};
+      std::copy(values.begin(), values.end(), static_cast<T*>(memory));
+    }
+  };
   struct Level {
-    std::vector<Piece> pieces;                 // by tile, heaviest first
-    std::vector<std::uint32_t> line_vertices;  // polylines one after another
-    std::vector<std::uint64_t> line_first;
+    Settled<Piece> pieces;                 // by tile, heaviest first
+    Settled<std::uint32_t> line_vertices;  // polylines one after another
+    Settled<std::uint64_t> line_first;
     std::vector<std::size_t> line_chain;
     std::uint64_t n_dropped = 0;
   };
@@ -98,7 +117,7 @@ class LinePyramid {
   std::span<LatticePoint> vertices_;  // scratch, or owned_vertices_
   std::vector<LatticePoint> owned_vertices_;
   std::vector<std::uint64_t> vertex_filter_;
-  std::vector<LineCrossing> crossings_;  // by (vertical, at, t)
+  Settled<LineCrossing> crossings_;  // by (vertical, at, t)
   std::vector<Level> levels_;
 };
 

@@ -46,7 +46,7 @@ void count_inflows(const FlowGrid& g, std::int64_t r, const std::uint8_t* direct
 
 void accumulate_flow(const FlowGrid& g, std::int64_t block_side, std::uint8_t* directions, std::uint64_t* accumulation,
                      const FlowRun& run) {
-  const FlowRun quiet{run.threads, run.cancel, {}};
+  const FlowRun quiet = run.quiet();
   for_row_bands(quiet, g.n_rows, [&](std::int64_t row_begin, std::int64_t row_end) {
     for (std::int64_t r = row_begin; r < row_end; ++r) {
       const std::uint64_t share = g.share[static_cast<std::size_t>(r)];

@@ -234,7 +234,7 @@ std::uint8_t across_flat(const FlowGrid& g, const float* filled_m, const FlatSte
 
 std::int64_t direct_flow(const FlowGrid& g, std::int64_t block_side, const float* filled_m, FlatSteps* steps,
                          std::uint8_t* directions, const FlowRun& run) {
-  const FlowRun quiet{run.threads, run.cancel, {}};
+  const FlowRun quiet = run.quiet();
   std::atomic<std::int64_t> n_flat{0};
   for_row_bands(quiet, g.n_rows, [&](std::int64_t row_begin, std::int64_t row_end) {
     std::int64_t n = 0;

@@ -111,7 +111,7 @@ class Analysis {
   template <class F>
   void step(double from, double to, F&& f) {
     if (o_.run.stopped()) return;
-    FlowRun part{o_.run.threads, o_.run.cancel, {}};
+    FlowRun part = o_.run.quiet();
     if (o_.run.progress) {
       part.progress = [this, from, to, last = from](double share) mutable {
         // What a step does in several passes begins anew with each.
@@ -126,7 +126,7 @@ class Analysis {
   // Also marks what is too deep to condition.
   void count_posts(const FlowRun& run) {
     std::atomic<std::int64_t> n_posts{0}, n_filled{0}, n_lake{0};
-    for_row_bands({run.threads, run.cancel, {}}, grid_.n_rows, [&](std::int64_t row_begin, std::int64_t row_end) {
+    for_row_bands(run.quiet(), grid_.n_rows, [&](std::int64_t row_begin, std::int64_t row_end) {
       std::int64_t posts = 0, filled = 0, lake = 0;
       for (std::int64_t i = row_begin * grid_.n_cols; i < row_end * grid_.n_cols; ++i) {
         const std::uint8_t mark = marks_[i];
@@ -156,6 +156,7 @@ class Analysis {
       for (const std::int64_t end : {link.posts.front(), link.posts.back()}) {
         if (marks_[end] & kLake) mouths_.push_back(end);
       }
+      if (o_.kept) move_vertices(chain);
       result_.streams.push_back(std::move(chain));
       result_.strahler.push_back(link.strahler);
       result_.area_km2.push_back(cells * grid_.cell_area_m2 / 1e6);
@@ -175,6 +176,23 @@ class Analysis {
     counts.deviations_above = from.deviations_above;
     std::sort(mouths_.begin(), mouths_.end());
     return {};
+  }
+
+  // From the heap into memory of the caller's, as long as there is some.
+  void move_vertices(BreakChain& chain) {
+    constexpr std::size_t kChunk = std::size_t{1} << 18;  // 6 MB
+    const std::size_t n = chain.vertices.size();
+    if (free_vertices_.size() < n) {
+      const std::size_t wanted = std::max(kChunk, n);
+      auto* const memory = static_cast<BreakVertex*>(o_.kept(wanted * sizeof(BreakVertex)));
+      if (memory == nullptr) return;
+      free_vertices_ = {memory, wanted};
+    }
+    const std::span<BreakVertex> kept = free_vertices_.first(n);
+    std::copy(chain.vertices.begin(), chain.vertices.end(), kept.begin());
+    free_vertices_ = free_vertices_.subspan(n);
+    chain.kept = kept;
+    chain.vertices = {};
   }
 
   void add_shores(const std::vector<Lake>& lakes) {
@@ -200,7 +218,8 @@ class Analysis {
   FlatSteps* steps_ = nullptr;
   std::uint8_t* marks_ = nullptr;
   std::uint8_t* directions_ = nullptr;
-  std::vector<std::int64_t> mouths_;  ///< Lake posts where streams end or begin, ascending.
+  std::span<BreakVertex> free_vertices_;  ///< Memory of o_.kept that no chain has.
+  std::vector<std::int64_t> mouths_;      ///< Lake posts where streams end or begin, ascending.
   Drainage result_;
 };
 

@@ -24,7 +24,9 @@ struct DrainageOptions {
   double max_change_m = 0;  ///< Conditioning moves no height by more than this; E_bottom / 2 is sound. >= 0.
   std::vector<double> deviation_limits_m;  ///< For DrainageCounts::deviations_above, e.g. E_L / 2 per level.
   std::int64_t block_side = kBlockSide;    ///< Posts along a block; bounds the heap, changes no result. 1..32768
-  FlowRun run;                             ///< Threads, cancel flag, progress of the whole; changes no result.
+  /// Memory for vertices of streams, alive as long as they are looked at; empty, or where it gives none: the heap.
+  ScratchAllocator kept;
+  FlowRun run;  ///< Threads, cancel flag, progress of the whole; changes no result.
 };
 
 struct DrainageCounts {

@@ -208,7 +208,7 @@ class FloodWorker {
 
 void fill_depressions(const FlowGrid& g, std::int64_t block_side, float* filled_m, const FlowRun& run) {
   std::atomic<std::int64_t> n_dry{0}, n_reached{0};
-  for_row_bands({run.threads, run.cancel, {}}, g.n_rows, [&](std::int64_t row_begin, std::int64_t row_end) {
+  for_row_bands(run.quiet(), g.n_rows, [&](std::int64_t row_begin, std::int64_t row_end) {
     std::int64_t n = 0;
     for (std::int64_t i = row_begin * g.n_cols; i < row_end * g.n_cols; ++i) {
       const std::uint8_t mark = g.marks[i];

@@ -24,7 +24,19 @@ struct FlowRun {
   const std::atomic<bool>* cancel = nullptr;  ///< Looked at many times a second; may be null.
   /// Called on the calling thread with the share of the step that is done, in [0, 1]; may be empty.
   std::function<void(double)> progress;
+  /// Called on every thread before each of its jobs, and in long loops of one thread: a moment to give memory back. May
+  /// be empty; thread safe.
+  std::function<void()> before_job{};
 
+  /// The same without progress.
+  FlowRun quiet() const {
+    FlowRun run = *this;
+    run.progress = nullptr;
+    return run;
+  }
+  void pause() const {
+    if (before_job) before_job();
+  }
   bool stopped() const { return cancel != nullptr && cancel->load(std::memory_order_relaxed); }
   void report(std::int64_t done, std::int64_t of) const {
     if (progress) progress(static_cast<double>(done) / static_cast<double>(std::max<std::int64_t>(of, 1)));
@@ -41,7 +53,10 @@ void for_each_job(const FlowRun& run, std::int64_t n, F&& f) {
   std::exception_ptr failure;
   const auto work = [&](int worker) {
     try {
-      for (std::int64_t job = next++; job < n && !run.stopped(); job = next++) f(worker, job);
+      for (std::int64_t job = next++; job < n && !run.stopped(); job = next++) {
+        run.pause();
+        f(worker, job);
+      }
     } catch (...) {
       next = n;
       const std::lock_guard lock(mutex);

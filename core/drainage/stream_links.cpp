@@ -138,12 +138,14 @@ class LinkFinder {
   // An order that goes down every stream.
   void go_down() {
     for (const std::uint32_t n : next_) {
+      pause_now_and_then();
       if (n != kNone) ++n_inflows_[n];
     }
     constexpr std::uint8_t kListed = 255;
     std::size_t n_listed = 0;
     for (std::size_t first = 0; first < next_.size(); ++first) {
       for (auto k = static_cast<std::uint32_t>(first); k != kNone && n_inflows_[k] == 0; k = next_[k]) {
+        pause_now_and_then();
         n_inflows_[k] = kListed;
         downward_[n_listed++] = k;
         if (next_[k] != kNone) --n_inflows_[next_[k]];
@@ -161,6 +163,7 @@ class LinkFinder {
 
   void order_streams() {
     for (const std::uint32_t k : downward_) {
+      pause_now_and_then();
       if (strahler_[k] == 0) {
         strahler_[k] = 1;
       } else if (n_highest_[k] > 1) {
@@ -193,6 +196,7 @@ class LinkFinder {
   void find_nodes() {
     for (std::size_t k = 0; k < next_.size(); ++k) {
       const std::uint32_t n = next_[k];
+      pause_now_and_then();
       if (n == kNone) continue;
       const bool step = is(k, kStream) ? is(n, kStream | kWater) : is(n, kStream) && is(k, kWater) && is_outflow(k);
       if (!step) continue;
@@ -221,11 +225,13 @@ class LinkFinder {
     const auto passes = [&](std::size_t k) { return is(k, kStep) && !is(k, kDeepPost) && !is(next_[k], kDeepPost); };
     const auto own = [&](std::size_t k) { return g_.heights_m[index_[k]]; };
     for (const std::uint32_t k : downward_) {
+      pause_now_and_then();
       if (!passes(k)) continue;
       float& below = least_above_[next_[k]];
       below = std::min(below, is(k, kStream) ? least_above_[k] : own(k));
     }
     for (auto k = downward_.rbegin(); k != downward_.rend(); ++k) {
+      pause_now_and_then();
       if (!passes(*k)) continue;
       const std::uint32_t n = next_[*k];
       most_below_[*k] = std::max(most_below_[*k], is(n, kStream) ? most_below_[n] : own(n));
@@ -245,6 +251,7 @@ class LinkFinder {
       if (change > options_.max_change_m) ++counts.clamped;
     }
     for (std::size_t k = 0; k < next_.size(); ++k) {
+      pause_now_and_then();
       if (!is(k, kStep)) continue;
       const double rise = conditioned_m(next_[k]) - conditioned_m(k);
       if (rise <= 0) continue;
@@ -269,6 +276,7 @@ class LinkFinder {
       };
       add();
       do {
+        pause_now_and_then();
         link_of_[k] = static_cast<std::uint32_t>(end_of.size());
         link.accumulation = accumulation_[index_[k]];
         k = next_[k];
@@ -279,6 +287,7 @@ class LinkFinder {
     }
     // Where no drawn step goes on, the water does: on to the next drawn one.
     for (auto k = downward_.rbegin(); k != downward_.rend(); ++k) {
+      pause_now_and_then();
       if (link_of_[*k] == kNone && next_[*k] != kNone) link_of_[*k] = link_of_[next_[*k]];
     }
     for (const std::uint32_t end : end_of) {
@@ -286,13 +295,18 @@ class LinkFinder {
     }
   }
 
-  FlowRun quiet() const { return {run_.threads, run_.cancel, {}}; }
+  FlowRun quiet() const { return run_.quiet(); }
+  // In a loop over posts that lie anywhere.
+  void pause_now_and_then() {
+    if ((++n_steps_ & 1023) == 0) run_.pause();
+  }
 
   const FlowGrid& g_;
   const std::uint8_t* directions_;
   const std::uint64_t* accumulation_;
   const StreamOptions& options_;
   const FlowRun& run_;
+  std::uint32_t n_steps_ = 0;
   std::vector<std::int64_t> row_begin_;  // n_rows + 1: position of a row's first post
   std::span<std::int64_t> index_;
   std::span<std::uint32_t> next_;  // position of the post downstream; kNone where the water leaves

@@ -284,9 +284,10 @@ Result<BuildReport> build_pyramid(const BuildOptions& options, Progress& progres
   report.counts = source->counts();
 
   const auto line_start = std::chrono::steady_clock::now();
-  const auto lines =
-      make_surface_lines(source->field(), *table, options.lines, scratch_dir, report.threads, options.cancel,
-                         [&](double fraction) { progress.update(kReadShare + kLineShare * fraction, "drainage"); });
+  const auto lines = make_surface_lines(
+      source->field(), *table, options.lines, scratch_dir, report.threads, options.cancel,
+      [&](double fraction) { progress.update(kReadShare + kLineShare * fraction, "drainage"); },
+      [&limit] { limit->enforce(); });
   if (!lines) return give_up(lines.error());
   for (const std::string& note : lines->notes) progress.note(note);
   report.drainage = lines->drainage;

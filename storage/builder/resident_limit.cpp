@@ -5,7 +5,6 @@
 #include <array>
 #include <charconv>
 #include <chrono>
-#include <string_view>
 
 #include <fcntl.h>
 #include <unistd.h>
@@ -17,9 +16,11 @@ namespace {
 constexpr std::uint64_t kMostBytesPerMs = std::uint64_t{32} << 20;
 constexpr std::uint64_t kLeastPauseMs = 1, kMostPauseMs = 20;
 
-}  // namespace
+struct Resident {
+  std::uint64_t all = 0, of_files = 0;  // bytes
+};
 
-std::optional<std::uint64_t> resident_bytes() {
+std::optional<Resident> read_resident() {
   const int fd = ::open("/proc/self/statm", O_RDONLY | O_CLOEXEC);
   if (fd < 0) return std::nullopt;
   std::array<char, 256> text{};
@@ -27,16 +28,27 @@ std::optional<std::uint64_t> resident_bytes() {
   ::close(fd);
   if (n <= 0) return std::nullopt;
   // Pages: size, resident, shared, ...
-  const std::string_view line(text.data(), static_cast<std::size_t>(n));
-  const std::size_t space = line.find(' ');
-  std::uint64_t pages = 0;
-  if (space == std::string_view::npos) return std::nullopt;
-  const auto [end, error] = std::from_chars(line.data() + space + 1, line.data() + line.size(), pages);
-  if (error != std::errc()) return std::nullopt;
-  return pages * static_cast<std::uint64_t>(::sysconf(_SC_PAGESIZE));
+  std::array<std::uint64_t, 3> pages{};
+  const char *at = text.data(), *const line_end = text.data() + n;
+  for (std::uint64_t& value : pages) {
+    while (at != line_end && *at == ' ') ++at;
+    const auto [end, error] = std::from_chars(at, line_end, value);
+    if (error != std::errc()) return std::nullopt;
+    at = end;
+  }
+  const auto page = static_cast<std::uint64_t>(::sysconf(_SC_PAGESIZE));
+  return Resident{pages[1] * page, pages[2] * page};
 }
 
-ResidentLimit::ResidentLimit(std::uint64_t limit_bytes) : limit_bytes_(limit_bytes), thread_([this] { run(); }) {}
+}  // namespace
+
+std::optional<std::uint64_t> resident_bytes() {
+  const auto resident = read_resident();
+  return resident ? std::optional(resident->all) : std::nullopt;
+}
+
+ResidentLimit::ResidentLimit(std::uint64_t limit_bytes)
+    : limit_bytes_(limit_bytes), threshold_(limit_bytes), thread_([this] { run(); }) {}
 
 ResidentLimit::~ResidentLimit() {
   {
@@ -52,23 +64,31 @@ std::uint64_t ResidentLimit::n_releases() const {
   return n_releases_;
 }
 
+void ResidentLimit::enforce() { room_after_release(); }
+
+// Drops maps where the limit is reached; returns how much may come in before it is again.
+std::uint64_t ResidentLimit::room_after_release() {
+  const std::scoped_lock lock(release_mutex_);
+  Resident now = read_resident().value_or(Resident{});
+  if (now.all >= threshold_) {
+    release_resident_maps();
+    now = read_resident().value_or(Resident{});
+    // What came into maps meanwhile must not raise the threshold, memory that cannot be dropped must.
+    least_other_bytes_ = std::min(least_other_bytes_, now.of_files);
+    threshold_ = std::max(limit_bytes_, now.all - now.of_files + least_other_bytes_ + kLeastRoom);
+    const std::scoped_lock count_lock(mutex_);
+    ++n_releases_;
+  }
+  return threshold_ > now.all ? threshold_ - now.all : 0;
+}
+
 void ResidentLimit::run() {
-  std::uint64_t threshold = limit_bytes_;
   std::unique_lock lock(mutex_);
   while (!ended_) {
     lock.unlock();
-    const std::uint64_t resident = resident_bytes().value_or(0);
-    const bool release = resident >= threshold;
-    std::uint64_t now = resident;
-    if (release) {
-      release_resident_maps();
-      now = resident_bytes().value_or(0);
-      threshold = std::max(limit_bytes_, now + kLeastRoom);
-    }
-    const std::uint64_t room = threshold > now ? threshold - now : 0;
+    const std::uint64_t room = room_after_release();
     const std::chrono::milliseconds pause(std::clamp(room / kMostBytesPerMs, kLeastPauseMs, kMostPauseMs));
     lock.lock();
-    n_releases_ += release ? 1 : 0;
     wake_.wait_for(lock, pause, [this] { return ended_; });
   }
 }

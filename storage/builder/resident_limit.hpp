@@ -30,13 +30,21 @@ class ResidentLimit {
   /// Ends the thread.
   ~ResidentLimit();
 
+  /// Drops maps at once if the limit is reached: for threads that are about to bring in many pages. Thread safe; costs
+  /// some microseconds.
+  void enforce();
+
   /// How often maps were dropped so far.
   std::uint64_t n_releases() const;
 
  private:
   void run();
+  std::uint64_t room_after_release();
 
   const std::uint64_t limit_bytes_;
+  std::mutex release_mutex_;
+  std::uint64_t threshold_;                       // where maps are dropped next
+  std::uint64_t least_other_bytes_ = UINT64_MAX;  // file pages that were left after a release, at least
   mutable std::mutex mutex_;
   std::condition_variable wake_;
   bool ended_ = false;

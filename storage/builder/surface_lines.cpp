@@ -84,6 +84,7 @@ struct Provenance {
 struct Chains {
   std::vector<BreakChain> chains;
   std::vector<Provenance> provenance;  // parallel
+  std::vector<ScratchMap> kept;        // where vertices of chains are
 
   void add(BreakChain chain, Provenance of) {
     chains.push_back(std::move(chain));
@@ -113,6 +114,12 @@ Result<void> add_drainage(const HeightField& field, const LevelTable& table, con
     scratch.push_back(std::move(*map));
     return scratch.back().data();
   };
+  drainage_options.kept = [&](std::size_t n_bytes) -> void* {
+    auto map = ScratchMap::create(scratch_dir, n_bytes);
+    if (!map) return nullptr;  // there is the heap
+    all.kept.push_back(std::move(*map));
+    return all.kept.back().data();
+  };
   auto drainage = derive_drainage(field, drainage_options, allocate);
   if (!drainage) {
     if (!scratch_error.empty()) return fail(ErrorKind::kIo, scratch_error);
@@ -131,7 +138,7 @@ Result<void> add_drainage(const HeightField& field, const LevelTable& table, con
 // Cuts derived and given lines at each other: neither kind knows of the other.
 Result<void> node_all(Chains& all) {
   std::vector<LatticeLine> lines;
-  for (const BreakChain& chain : all.chains) lines.push_back(chain.vertices);
+  for (const BreakChain& chain : all.chains) lines.emplace_back(chain.points().begin(), chain.points().end());
   auto noded = node_lines(lines);
   if (!noded) return tl::unexpected(noded.error());
   Chains cut;
@@ -181,13 +188,14 @@ std::vector<OutputLayer> layers_of(const Lattice& lattice, const LevelTable& tab
 
 Result<SurfaceLines> make_surface_lines(const HeightField& field, const LevelTable& table, const LineOptions& options,
                                         const std::string& scratch_dir, int threads, const std::atomic<bool>* cancel,
-                                        const std::function<void(double)>& progress) {
+                                        const std::function<void(double)>& progress,
+                                        const std::function<void()>& pause) {
   SurfaceLines lines;
   Chains all;
   if (options.drainage) {
-    choose_sizes(field, table, options, {threads, cancel, {}}, lines);
+    choose_sizes(field, table, options, {threads, cancel, {}, pause}, lines);
     if (cancel != nullptr && *cancel) return fail(ErrorKind::kInterrupted, "interrupted");
-    if (auto added = add_drainage(field, table, options, scratch_dir, {threads, cancel, progress}, lines, all);
+    if (auto added = add_drainage(field, table, options, scratch_dir, {threads, cancel, progress, pause}, lines, all);
         !added) {
       return tl::unexpected(added.error());
     }
