@@ -2,8 +2,11 @@
 #pragma once
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <cstddef>
 #include <cstdint>
+#include <vector>
 
 #include "core/post_blocks.hpp"
 
@@ -59,6 +62,44 @@ class TriangleBlocks {
         visit_if_met(level, i, j, visit);
       }
     }
+  }
+
+  /// Calls visit(block) for blocks of level 0 that have between them all posts of the triangle but those of blocks of
+  /// which bound(PostBlock, its extent in the window) says less than `worst`, which `visit` may raise; the most
+  /// promising ones come first.
+  template <class Bound, class Visit>
+  void for_promising(const double& worst, Bound bound, Visit visit) const {
+    struct Promise {
+      double bound_m;
+      BlockInWindow block;
+    };
+    const auto promise_of = [&](const BlockInWindow& b) {
+      return Promise{bound(blocks_.block(b.level, b.i, b.j), b.posts), b};
+    };
+    const auto descend = [&](const Promise& from, const auto& self) -> void {
+      if (from.bound_m < worst) return;
+      if (from.block.level == 0) {
+        visit(from.block);
+        return;
+      }
+      std::array<Promise, 4> children;
+      std::size_t n = 0;
+      for_children(from.block, [&](const BlockInWindow& b) { children[n++] = promise_of(b); });
+      std::array<std::uint8_t, 4> order{};  // insertion sort: there are four
+      for (std::size_t k = 0; k < n; ++k) {
+        std::size_t place = k;
+        for (; place > 0 && children[order[place - 1]].bound_m < children[k].bound_m; --place) {
+          order[place] = order[place - 1];
+        }
+        order[place] = static_cast<std::uint8_t>(k);
+      }
+      for (std::size_t k = 0; k < n; ++k) self(children[order[k]], self);
+    };
+    std::vector<Promise> coarsest;
+    for_coarsest([&](const BlockInWindow& b) { coarsest.push_back(promise_of(b)); });
+    std::stable_sort(coarsest.begin(), coarsest.end(),
+                     [](const Promise& a, const Promise& b) { return a.bound_m > b.bound_m; });
+    for (const Promise& p : coarsest) descend(p, descend);
   }
 
   /// Calls visit(block) for the blocks that a coarser one consists of, one level down. Precondition: block.level > 0.

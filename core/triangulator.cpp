@@ -3,14 +3,16 @@
 
 #include <algorithm>
 #include <array>
-#include <bit>
 #include <cassert>
 #include <cmath>
 #include <functional>
 #include <limits>
 #include <utility>
 
+#include "core/drainage/flow_run.hpp"
+#include "core/error_queue.hpp"
 #include "core/mesh.hpp"
+#include "core/tile_errors.hpp"
 #include "core/triangulator_posts.hpp"
 #include "core/triangulator_result.hpp"
 #include "core/triangulator_scan.hpp"
@@ -27,7 +29,7 @@ constexpr double kBesideSteps = 1.5;
 // Refines one tile after the other; keeps its storage in between.
 class TileRefiner {
  public:
-  TileSurface run(const HeightField& field, const TileTask& task) {
+  TileSurface run(const HeightField& field, const TileTask& task, int threads) {
     field_ = &field;
     task_ = &task;
     side_ = field.lattice.tile_side(task.key.level);
@@ -39,10 +41,11 @@ class TileRefiner {
     insert_ring();
     insert_inside(task.initial);
     insert_constraints(surface);
-    refine(surface);
+    refine(threads, surface);
     extractor_.extract(mesh_, n_ring_, surface);
     const bool at_pole = task.key.y + 1 == TileKey::count_y(task.key.level);
-    extractor_.measure(mesh_, posts_, scanner_, static_cast<double>(side_), at_pole, surface.stats);
+    TileErrors(posts_, scanner_, extractor_.vertices(), surface.triangles, static_cast<double>(side_), at_pole)
+        .measure(threads, surface.stats);
     return surface;
   }
 
@@ -179,38 +182,37 @@ class TileRefiner {
 
   // ---- greedy insertion --------------------------------------------------------------------------------------------
 
-  // Heap entries: the error in the upper half (floats above 0 are in the order of their bits), the face in the lower,
-  // the smaller one first. An entry is out of date when the face's candidate has another error.
-  static std::uint64_t entry_of(std::int32_t face, float error_m) {
-    return std::uint64_t{std::bit_cast<std::uint32_t>(error_m)} << 32 | ~static_cast<std::uint32_t>(face);
-  }
-
   void scan(std::int32_t face) {
-    FaceCandidate& candidate = candidates_[static_cast<std::size_t>(face)];
-    candidate = scanner_.scan(face);
-    if (candidate.post < 0) return;
-    heap_.push_back(entry_of(face, candidate.error_m));
-    std::push_heap(heap_.begin(), heap_.end());
+    candidates_[static_cast<std::size_t>(face)] = scanner_.scan(face);
+    queue(face);
+  }
+  void queue(std::int32_t face) {
+    const FaceCandidate& candidate = candidates_[static_cast<std::size_t>(face)];
+    if (candidate.post >= 0) queue_.push(face, candidate.error_m);
   }
 
-  void refine(TileSurface& surface) {
-    heap_.clear();
-    candidates_.assign(static_cast<std::size_t>(mesh_.n_faces()), {});
-    for (std::int32_t f = 0; f < mesh_.n_faces(); ++f) scan(f);
-    while (!heap_.empty()) {
-      const std::uint64_t entry = heap_.front();
-      std::pop_heap(heap_.begin(), heap_.end());
-      heap_.pop_back();
-      const auto face = static_cast<std::int32_t>(~static_cast<std::uint32_t>(entry));
-      const FaceCandidate candidate = candidates_[static_cast<std::size_t>(face)];
-      if (candidate.post < 0 || entry != entry_of(face, candidate.error_m)) continue;
+  void refine(int threads, TileSurface& surface) {
+    queue_.reset(static_cast<float>(task_->tolerance_m));
+    candidates_.resize(static_cast<std::size_t>(mesh_.n_faces()));
+    constexpr std::int32_t kFacesOfJob = 256;
+    for_each_job({threads, nullptr, {}}, (mesh_.n_faces() + kFacesOfJob - 1) / kFacesOfJob, [&](int, std::int64_t job) {
+      const auto first = static_cast<std::int32_t>(job) * kFacesOfJob;
+      for (std::int32_t f = first; f < std::min(first + kFacesOfJob, mesh_.n_faces()); ++f) {
+        candidates_[static_cast<std::size_t>(f)] = scanner_.scan(f);
+      }
+    });
+    for (std::int32_t f = 0; f < mesh_.n_faces(); ++f) queue(f);
+    while (const auto next = queue_.pop()) {
+      const FaceCandidate candidate = candidates_[static_cast<std::size_t>(next->face)];
+      if (candidate.post < 0 || next->error_m != candidate.error_m) continue;
+      posts_.prefetch_around(candidate.post);  // while the mesh makes room for it
       const auto [post_x, post_y] = posts_.position(candidate.post);
       const std::int64_t x = floor_of(post_x + 0.5), y = floor_of(post_y + 0.5);
-      if (insert_post(face, x, y)) {
+      if (insert_post(next->face, x, y)) {
         ++surface.n_inserted;
       } else {
         scanner_.give_up(candidate.post);
-        scan(face);
+        scan(next->face);
       }
     }
   }
@@ -242,16 +244,16 @@ class TileRefiner {
   FaceScanner scanner_{mesh_, posts_};
   TileExtractor extractor_;
   std::vector<FaceCandidate> candidates_;  // per face
-  std::vector<std::uint64_t> heap_;
+  ErrorQueue queue_;
   std::vector<std::uint32_t> order_;
 };
 
 }  // namespace
 
-TileSurface triangulate(const HeightField& field, const TileTask& task) {
+TileSurface triangulate(const HeightField& field, const TileTask& task, int threads) {
   // Memory of one tile's size per thread: tiles come by the thousand.
   thread_local TileRefiner refiner;
-  return refiner.run(field, task);
+  return refiner.run(field, task, threads);
 }
 
 }  // namespace tind

@@ -44,7 +44,8 @@ struct TileSurface {
 /// border (the guard of DESIGN "Seams"), and when positions and heights are rounded as quantized-mesh rounds them.
 /// Posts outside the grid are the level's own 256 x 256 grid at the base height. Irregular posts count as those of the
 /// grid do; interpolated posts of the grid are held to nothing. Pure: the same
-/// task gives the same bytes; thread safe.
-TileSurface triangulate(const HeightField& field, const TileTask& task);
+/// task gives the same bytes; thread safe. `threads` >= 1 of them share what can be shared of a tile that has much of
+/// the data to itself.
+TileSurface triangulate(const HeightField& field, const TileTask& task, int threads = 1);
 
 }  // namespace tind

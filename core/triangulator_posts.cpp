@@ -95,6 +95,7 @@ void TilePosts::find_posts() {
       w.heights_m = field_->heights_m + first;
       w.origins = field_->origins + first;
       w.stride = field_->n_cols;
+      w.n_readable = field_->n_cols - w.field_col;
       continue;
     }
     float* const heights = copied_heights_m_.data() + at;
@@ -102,7 +103,7 @@ void TilePosts::find_posts() {
     field_->pages->copy(w.field_row, w.field_col, w.n_rows, w.n_cols, heights, origins);
     w.heights_m = heights;
     w.origins = origins;
-    w.stride = w.n_cols;
+    w.stride = w.n_readable = w.n_cols;
     at += w.n_rows * w.n_cols;
   }
 }
@@ -177,10 +178,9 @@ std::pair<double, double> TilePosts::position(std::int64_t index) const {
     const TilePoint& p = points_[static_cast<std::size_t>(index - first_point_)];
     return {p.x, p.y};
   }
-  const PostWindow* w = &windows_.back();
-  while (index < w->first_index) --w;
-  const std::int64_t at = index - w->first_index, r = at / w->n_cols;
-  return {w->x(at - r * w->n_cols), w->y(r)};
+  const PostWindow& w = window_of(index);
+  const std::int64_t at = index - w.first_index, r = at / w.n_cols;
+  return {w.x(at - r * w.n_cols), w.y(r)};
 }
 
 // The posts of a part of a window: sums of the blocks that lie in it, and rows of the others.

@@ -11,6 +11,7 @@
 #include "core/height_field.hpp"
 #include "core/mesh.hpp"
 #include "core/post_blocks.hpp"
+#include "core/post_strip.hpp"
 #include "core/tile_key.hpp"
 #include "core/triangle_blocks.hpp"
 #include "core/triangle_rows.hpp"
@@ -31,20 +32,27 @@ struct PostWindow {
   const float* heights_m = nullptr;
   const PostOrigin* origins = nullptr;
   std::int64_t stride = 0;
+  std::int64_t n_readable = 0;  ///< So many columns from 0 on lie in memory, some beyond the window's last.
 
   double x(std::int64_t c) const { return x0 + static_cast<double>(c) * dx; }
   double y(std::int64_t r) const { return y0 + static_cast<double>(r) * dy; }
 };
 
+/// Far below a post's spacing, far above what rounding and PostWindow's slack move a triangle's edge by.
+constexpr double kNoPost = 1e-6;
+
 /// A triangle in the posts of a window: column and row of its corners.
 struct TriangleInPosts {
   double u[3], v[3];
 
+  double west() const { return lesser(lesser(u[0], u[1]), u[2]); }
+  double east() const { return greater(greater(u[0], u[1]), u[2]); }
+  double south() const { return lesser(lesser(v[0], v[1]), v[2]); }
+  double north() const { return greater(greater(v[0], v[1]), v[2]); }
   /// Whether blocks of posts pay.
   bool is_large() const {
     constexpr double kLarge = 24;
-    return std::max({u[0], u[1], u[2]}) - std::min({u[0], u[1], u[2]}) >= kLarge &&
-           std::max({v[0], v[1], v[2]}) - std::min({v[0], v[1], v[2]}) >= kLarge;
+    return east() - west() >= kLarge && north() - south() >= kLarge;
   }
 
   TriangleInPosts(const PlanTriangle& t, const PostWindow& w) {
@@ -78,6 +86,18 @@ class TilePosts {
   void for_parts(const PostWindow& w, std::int64_t r, std::int64_t c_begin, std::int64_t c_end, Part part) const;
   /// Position of a post in local lattice steps.
   std::pair<double, double> position(std::int64_t index) const;
+  /// Asks for the grid's posts around one of its posts, which are needed soon.
+  void prefetch_around(std::int64_t index) const {
+    constexpr std::int64_t kReach = 4;
+    if (index >= first_point_) return;
+    const PostWindow& w = window_of(index);
+    if (w.heights_m == nullptr) return;
+    const std::int64_t at = index - w.first_index, r = at / w.n_cols, c = at - r * w.n_cols;
+    const std::int64_t r_end = std::min(r + kReach + 1, w.n_rows);
+    for (std::int64_t row = std::max<std::int64_t>(r - kReach, 0); row < r_end; ++row) {
+      __builtin_prefetch(w.heights_m + row * w.stride + c);
+    }
+  }
   std::int64_t index_of_point(std::uint32_t k) const { return first_point_ + k; }
 
   bool has_blocks() const { return field_->blocks != nullptr; }
@@ -100,10 +120,19 @@ class TilePosts {
   /// rounding are visited with it, so that none falls between two.
   template <class Row>
   static void for_rows(const PlanTriangle& t, const PostWindow& w, Row row);
-  /// The same, but large triangles leave out the blocks of posts of which bound(block, extent) says less than `worst`,
-  /// which `row` may raise; the most promising blocks come first. `extent`: its columns and rows of the window.
-  template <class Bound, class Row>
-  void for_promising_rows(const PlanTriangle& t, const PostWindow& w, const double& worst, Bound bound, Row row) const;
+  /// Calls box(extent) for boxes of columns and rows of a window that have all posts of a triangle between them. Large
+  /// triangles leave out the blocks of posts of which bound(block, extent) says less than `worst`, which `box` may
+  /// raise; the most promising blocks come first. `rows`: of the same triangle.
+  template <class Bound, class Visit>
+  void for_promising_boxes(const TriangleInPosts& t, const TriangleRows& rows, const PostWindow& w, const double& worst,
+                           Bound bound, Visit box) const;
+  /// Calls row(r, c_first, c_last) for the posts of a triangle in such a box, as for_rows.
+  template <class Row>
+  static void for_rows_in_box(const TriangleRows& rows, const PostWindow& w, const PostBlocks::Extent& e, Row row);
+  /// Cuts a box into strips and calls strip(PostStrip) for each, west to east; false, and nothing is called, where it
+  /// is too wide for that to pay, or the grid too narrow to be read by strips.
+  template <class Strip>
+  bool for_strips(const PostWindow& w, const PostBlocks::Extent& e, Strip strip) const;
 
   /// Calls visit(k, point) for the irregular posts in a triangle, borders included as above.
   template <class Visit>
@@ -116,6 +145,12 @@ class TilePosts {
     double west, south, east, north;
   };
 
+  // Of a post of a grid.
+  const PostWindow& window_of(std::int64_t index) const {
+    const PostWindow* w = &windows_.back();
+    while (index < w->first_index) --w;
+    return *w;
+  }
   void find_windows();
   void find_posts();
   void find_covered_boxes();
@@ -169,70 +204,74 @@ void TilePosts::for_parts(const PostWindow& w, std::int64_t r, std::int64_t c_be
 template <class Row>
 void TilePosts::for_rows(const PlanTriangle& t, const PostWindow& w, Row row) {
   const TriangleInPosts in(t, w);
-  const TriangleRows rows(in.u, in.v);
-  const auto r_first = std::max<std::int64_t>(0, ceil_of(rows.south() - w.slack_y));
-  const auto r_last = std::min<std::int64_t>(w.n_rows - 1, floor_of(rows.north() + w.slack_y));
+  for_rows_in_box(TriangleRows(in.u, in.v), w, {0, 0, w.n_rows, w.n_cols}, row);
+}
+
+template <class Row>
+void TilePosts::for_rows_in_box(const TriangleRows& rows, const PostWindow& w, const PostBlocks::Extent& e, Row row) {
+  const auto r_first = std::max({std::int64_t{0}, e.row, ceil_of(rows.south() - w.slack_y)});
+  const auto r_last = std::min({w.n_rows, e.row + e.n_rows, floor_of(rows.north() + w.slack_y) + 1}) - 1;
   for (std::int64_t r = r_first; r <= r_last; ++r) {
     const auto [west, east] = rows.cuts(std::min(std::max(static_cast<double>(r), rows.south()), rows.north()));
-    const auto c_first = std::max<std::int64_t>(0, ceil_of(west - w.slack_x));
-    const auto c_last = std::min<std::int64_t>(w.n_cols - 1, floor_of(east + w.slack_x));
+    const auto c_first = std::max({std::int64_t{0}, e.col, ceil_of(west - w.slack_x)});
+    const auto c_last = std::min({w.n_cols, e.col + e.n_cols, floor_of(east + w.slack_x) + 1}) - 1;
     if (c_first <= c_last) row(r, c_first, c_last);
   }
 }
 
-template <class Bound, class Row>
-void TilePosts::for_promising_rows(const PlanTriangle& t, const PostWindow& w, const double& worst, Bound bound,
-                                   Row row) const {
-  const TriangleInPosts in(t, w);
-  if (w.is_base_grid || !has_blocks() || !in.is_large()) {
-    for_rows(t, w, row);
+template <class Strip>
+bool TilePosts::for_strips(const PostWindow& w, const PostBlocks::Extent& e, Strip strip) const {
+  constexpr std::int64_t kMostStrips = 3;
+  if (e.n_cols > kMostStrips * PostStrip::kColumns) return false;
+  PostStrip s;
+  const std::int64_t col_end = e.col + e.n_cols, row_end = e.row + e.n_rows;
+  if (w.heights_m != nullptr) {
+    if (w.n_readable < PostStrip::kColumns) return false;
+    s.row = e.row;
+    s.n_rows = e.n_rows;
+    s.stride = w.stride;
+    for (s.col = e.col; s.col < col_end; s.col += PostStrip::kColumns) {
+      s.n_cols = std::min(PostStrip::kColumns, col_end - s.col);
+      s.first_read = std::min(s.col, w.n_readable - PostStrip::kColumns);
+      s.heights = w.heights_m + s.row * s.stride + s.first_read;
+      strip(s);
+    }
+    return true;
+  }
+  // No strip leaves its page.
+  s.stride = PostPages::kSide;
+  for (s.row = e.row; s.row < row_end; s.row += s.n_rows) {
+    const std::int64_t field_row = w.field_row + s.row;
+    s.n_rows = std::min(row_end - s.row, PostPages::kSide - field_row % PostPages::kSide);
+    for (s.col = e.col; s.col < col_end; s.col += s.n_cols) {
+      const std::int64_t from_read = (w.field_col + s.col) % PostStrip::kColumns;
+      s.first_read = s.col - from_read;
+      s.n_cols = std::min(PostStrip::kColumns - from_read, col_end - s.col);
+      const std::int64_t field_col = w.field_col + s.first_read;
+      s.heights = field_->pages->of_post(field_row, field_col).heights_m + PostPages::index(field_row, field_col);
+      strip(s);
+    }
+  }
+  return true;
+}
+
+template <class Bound, class Visit>
+void TilePosts::for_promising_boxes(const TriangleInPosts& t, const TriangleRows& rows, const PostWindow& w,
+                                    const double& worst, Bound bound, Visit box) const {
+  // The posts that the triangle may have in a part of the window.
+  const auto visit_box = [&](const PostBlocks::Extent& e) {
+    const auto r_first = std::max({std::int64_t{0}, e.row, ceil_of(rows.south() - w.slack_y)});
+    const auto r_end = std::min({w.n_rows, e.row + e.n_rows, floor_of(rows.north() + w.slack_y) + 1});
+    const auto c_first = std::max({std::int64_t{0}, e.col, ceil_of(t.west() - kNoPost)});
+    const auto c_end = std::min({w.n_cols, e.col + e.n_cols, floor_of(t.east() + kNoPost) + 1});
+    if (r_first < r_end && c_first < c_end) box({r_first, c_first, r_end - r_first, c_end - c_first});
+  };
+  if (w.is_base_grid || !has_blocks() || !t.is_large()) {
+    visit_box({0, 0, w.n_rows, w.n_cols});
     return;
   }
-  const PostBlocks& blocks = *field_->blocks;
-  const TriangleRows rows(in.u, in.v);
-  // A corner of a large triangle is off by 1e-10 posts at most; that is far below this.
-  const TriangleBlocks walk(blocks, w.field_row, w.field_col, in.u, in.v, 1e-6);
-  struct Promise {
-    double bound_m;
-    BlockInWindow block;
-  };
-  const auto by_promise = [](const Promise& a, const Promise& b) { return a.bound_m > b.bound_m; };
-  const auto bound_of = [&](const BlockInWindow& b) {
-    return Promise{bound(blocks.block(b.level, b.i, b.j), b.posts), b};
-  };
-  const auto rows_of_block = [&](const PostBlocks::Extent& e) {
-    const auto r_first = std::max({std::int64_t{0}, e.row, ceil_of(rows.south() - w.slack_y)});
-    const auto r_last = std::min({w.n_rows, e.row + e.n_rows, floor_of(rows.north() + w.slack_y) + 1}) - 1;
-    for (std::int64_t r = r_first; r <= r_last; ++r) {
-      const auto [west, east] = rows.cuts(std::min(std::max(static_cast<double>(r), rows.south()), rows.north()));
-      const auto c_first = std::max({std::int64_t{0}, e.col, ceil_of(west - w.slack_x)});
-      const auto c_last = std::min({w.n_cols, e.col + e.n_cols, floor_of(east + w.slack_x) + 1}) - 1;
-      if (c_first <= c_last) row(r, c_first, c_last);
-    }
-  };
-  const auto descend = [&](const Promise& from, const auto& self) -> void {
-    if (from.bound_m < worst) return;
-    if (from.block.level == 0) {
-      rows_of_block(from.block.posts);
-      return;
-    }
-    std::array<Promise, 4> children;
-    std::size_t n = 0;
-    walk.for_children(from.block, [&](const BlockInWindow& b) { children[n++] = bound_of(b); });
-    std::array<std::uint8_t, 4> order{};  // insertion sort: there are four
-    for (std::size_t k = 0; k < n; ++k) {
-      std::size_t place = k;
-      for (; place > 0 && children[order[place - 1]].bound_m < children[k].bound_m; --place) {
-        order[place] = order[place - 1];
-      }
-      order[place] = static_cast<std::uint8_t>(k);
-    }
-    for (std::size_t k = 0; k < n; ++k) self(children[order[k]], self);
-  };
-  std::vector<Promise> coarsest;
-  walk.for_coarsest([&](const BlockInWindow& b) { coarsest.push_back(bound_of(b)); });
-  std::stable_sort(coarsest.begin(), coarsest.end(), by_promise);
-  for (const Promise& p : coarsest) descend(p, descend);
+  const TriangleBlocks walk(*field_->blocks, w.field_row, w.field_col, t.u, t.v, kNoPost);
+  walk.for_promising(worst, bound, [&](const BlockInWindow& b) { visit_box(b.posts); });
 }
 
 template <class Visit>

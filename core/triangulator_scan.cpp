@@ -118,7 +118,10 @@ double FaceScanner::served_height_step() const {
 
 FacePlane FaceScanner::plane_of(std::int32_t face) const {
   const Mesh::Face& f = mesh_.face(face);
-  const Mesh::Vertex &a = mesh_.vertex(f.v[0]), &b = mesh_.vertex(f.v[1]), &c = mesh_.vertex(f.v[2]);
+  return plane_through(mesh_.vertex(f.v[0]), mesh_.vertex(f.v[1]), mesh_.vertex(f.v[2]));
+}
+
+FacePlane FaceScanner::plane_through(const Mesh::Vertex& a, const Mesh::Vertex& b, const Mesh::Vertex& c) const {
   // Exact: slivers on coarse tiles have an area far below the rounding of the products.
   const double per_area = 1 / mesh_.doubled_area(a, b, c);
   const double bx = b.x - a.x, by = b.y - a.y, cx = c.x - a.x, cy = c.y - a.y;
@@ -171,6 +174,9 @@ FaceCandidate FaceScanner::scan(std::int32_t face) const {
       continue;
     }
     const double per_col = plane.slope_x * w.dx;
+    const TriangleInPosts in(plan, w);
+    const TriangleRows rows(in.u, in.v);
+    const PlaneOverPosts over = plane_over(plane, w);
     const auto row = [&](std::int64_t r, std::int64_t c_first, std::int64_t c_last) {
       const double z = plane.at(w.x0, w.y(r));
       posts_.for_parts(w, r, c_first, c_last + 1,
@@ -184,9 +190,19 @@ FaceCandidate FaceScanner::scan(std::int32_t face) const {
                          at = {&w, r, c};
                        });
     };
-    posts_.for_promising_rows(
-        plan, w, worst,
-        [&](const PostBlock& block, const PostBlocks::Extent& e) { return plane_bound(plane, w, block, e); }, row);
+    const auto strip = [&](const PostStrip& s) {
+      const double least = at.window == &w ? std::nextafter(worst, 0.0) : worst;
+      const StripWorst found = worst_in_strip(s, rows, w.slack_x, over, least);
+      if (found.c < 0 || (found.error_m == worst && !at.is_after(w, found.r, found.c))) return;
+      worst = found.error_m;
+      at = {&w, found.r, found.c};
+    };
+    posts_.for_promising_boxes(
+        in, rows, w, worst,
+        [&](const PostBlock& block, const PostBlocks::Extent& e) { return plane_bound(plane, w, block, e); },
+        [&](const PostBlocks::Extent& e) {
+          if (!w.all_promised || !posts_.for_strips(w, e, strip)) TilePosts::for_rows_in_box(rows, w, e, row);
+        });
   }
   if (at.window == nullptr) return {};
   const std::int64_t post = at.window->first_index + at.r * at.window->n_cols + at.c;
@@ -275,13 +291,15 @@ FaceCandidate FaceScanner::scan_thoroughly(std::int32_t face, const FacePlane& p
                          }
                        });
     };
-    posts_.for_promising_rows(
-        plan, w, worst,
+    const TriangleInPosts in(plan, w);
+    const TriangleRows rows(in.u, in.v);
+    posts_.for_promising_boxes(
+        in, rows, w, worst,
         [&](const PostBlock& block, const PostBlocks::Extent& e) {
           return std::max(plane_bound(plane, w, block, e) + guard.extra_m + guard.finer_m,
                           plane_bound(served, w, block, e) + served_rounding_m_);
         },
-        row);
+        [&](const PostBlocks::Extent& e) { TilePosts::for_rows_in_box(rows, w, e, row); });
   }
   posts_.for_points(plan, [&](std::uint32_t k, const TilePoint& p) {
     const double error = post_error(p.x, p.y, p.height_m);

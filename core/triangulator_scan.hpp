@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "core/mesh.hpp"
+#include "core/post_strip.hpp"
 #include "core/triangulator.hpp"
 #include "core/triangulator_guard.hpp"
 #include "core/triangulator_posts.hpp"
@@ -16,6 +17,11 @@ struct FacePlane {
   double x_a, y_a, z_a, slope_x, slope_y;
   double at(double x, double y) const { return z_a + slope_x * (x - x_a) + slope_y * (y - y_a); }
 };
+
+/// The same over the posts of a window.
+inline PlaneOverPosts plane_over(const FacePlane& p, const PostWindow& w) {
+  return {p.z_a + p.slope_x * (w.x0 - p.x_a), p.slope_y, w.y0, w.dy, p.y_a, p.slope_x * w.dx};
+}
 
 /// The post of a face that is to become a vertex: the worst one beyond the tolerance.
 struct FaceCandidate {
@@ -38,7 +44,8 @@ class FaceScanner {
   /// From now on this post is no candidate: its lattice point has a vertex.
   void give_up(std::int64_t post) { given_up_.push_back(post); }
 
-  FacePlane plane_of(std::int32_t face) const;
+  /// Corners counter-clockwise.
+  FacePlane plane_through(const Mesh::Vertex& a, const Mesh::Vertex& b, const Mesh::Vertex& c) const;
 
   /// Bound of |plane - h| over the posts of a block that lies at `e` in a window.
   double plane_bound(const FacePlane& plane, const PostWindow& w, const PostBlock& block,
@@ -46,6 +53,7 @@ class FaceScanner {
 
  private:
   double served_height_step() const;
+  FacePlane plane_of(std::int32_t face) const;
   FacePlane served_plane_of(std::int32_t face, const FacePlane& plane) const;
   FaceCandidate scan_thoroughly(std::int32_t face, const FacePlane& plane) const;
   double served_distance(std::int32_t face, const FacePlane& plane) const;

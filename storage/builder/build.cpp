@@ -295,8 +295,8 @@ Result<BuildReport> build_pyramid(const BuildOptions& options, Progress& progres
   report.given = lines->given;
   ::malloc_trim(0);  // many small blocks were freed
   report.line_seconds = seconds_since(line_start);
-  // The calling thread looks at posts, too.
-  const double held_bytes = static_cast<double>(options.memory_bytes) * kPagesOfPosts / (report.threads + 1);
+  // The calling thread looks at posts, too, and tiles that threads share have as many again.
+  const double held_bytes = static_cast<double>(options.memory_bytes) * kPagesOfPosts / (2 * report.threads + 1);
   if (auto turned =
           source->turn_into_pages(scratch_dir, static_cast<std::size_t>(held_bytes), report.threads, options.cancel);
       !turned) {

@@ -288,6 +288,15 @@ class PyramidBuilder {
     return result;
   }
 
+  // Threads that share a tile: all, where it has so much of the grid that the others would wait for it.
+  int threads_of(const TileKey& key) const {
+    const double side = static_cast<double>(field_.lattice.tile_side(key.level));
+    const double posts = std::min(side / field_.dx + 1, static_cast<double>(field_.n_cols)) *
+                         std::min(side / field_.dy + 1, static_cast<double>(field_.n_rows));
+    const double all = static_cast<double>(field_.n_cols) * static_cast<double>(field_.n_rows);
+    return posts * 2 * input_.threads > all ? input_.threads : 1;
+  }
+
   // `earlier`: of the same tile in the earlier pyramid, if there is one.
   Result<TileResult> build_tile(const TileKey& key, const ParentBody* parent,
                                 const std::optional<StoredTile>& earlier) const {
@@ -302,7 +311,7 @@ class PyramidBuilder {
       const auto inputs = decode_inputs(earlier->inputs);
       if (inputs && inputs->digest == result.made_of.digest) return take_over(*earlier);
     }
-    TileSurface surface = triangulate(field_, task);
+    TileSurface surface = triangulate(field_, task, threads_of(key));
     TileBody body;
     body.stats = surface.stats;
     body.stats.coverage = coverage_of(field_, key);

@@ -267,6 +267,21 @@ TEST(Triangulator, GivesTheSameWithAndWithoutBlocksOfPosts) {
   }
 }
 
+TEST(Triangulator, GivesTheSameForAnyNumberOfThreads) {
+  TestField f = field_over(rough_terrain(33, 900));
+  for (std::size_t i = 0; i < f.origins.size(); i += 1 + i % 89) f.origins[i] = PostOrigin::kFilled;
+  const TestTile one = build_tile(f.field, spec_from(kTile.level, 20, kFiner, f.field.lattice), kTile);
+  ASSERT_GT(one.surface.triangles.size(), 2000u);  // enough for several jobs
+  for (const int threads : {2, 3, 8}) {
+    const TileSurface many = triangulate(f.field, one.task, threads);
+    EXPECT_EQ(many.interior, one.surface.interior) << threads;
+    EXPECT_EQ(many.triangles, one.surface.triangles) << threads;
+    EXPECT_EQ(many.stats.max_error_m, one.surface.stats.max_error_m) << threads;
+    EXPECT_EQ(many.stats.rmse_m, one.surface.stats.rmse_m) << threads;
+    EXPECT_EQ(many.stats.n_posts, one.surface.stats.n_posts) << threads;
+  }
+}
+
 TEST(Triangulator, KeepsBorderAndInitialVerticesAndLocalOrder) {
   const TestField f = field_over(rough_terrain(4, 700));
   const RefinementSpec spec = spec_from(kTile.level, 60, 2, f.field.lattice);

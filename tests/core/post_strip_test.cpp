@@ -1,0 +1,120 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "core/post_strip.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <random>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+namespace tind::test {
+namespace {
+
+constexpr std::int64_t kRows = 40, kCols = 31;
+
+// Posts of a window, a triangle over them and a plane, all by chance; some heights are alike, so that errors tie.
+class StripTest : public ::testing::Test {
+ protected:
+  StripTest() : heights_(static_cast<std::size_t>(kRows * kCols)) { next(); }
+
+  void next() {
+    std::uniform_real_distribution<double> row(-3, kRows + 3), col(-3, kCols + 3), slope(-4, 4);
+    std::uniform_int_distribution<int> height(0, 3);
+    for (float& h : heights_) h = static_cast<float>(height(random_));
+    for (int k = 0; k < 3; ++k) {
+      u_[k] = col(random_);
+      v_[k] = row(random_);
+      if (height(random_) == 0) v_[k] = std::round(v_[k]);
+      if (height(random_) == 0) u_[k] = std::round(u_[k]);
+    }
+    if (height(random_) == 0) v_[1] = v_[0];
+    const bool level = height(random_) == 0;
+    plane_ = {slope(random_), level ? 0 : slope(random_), 10, 0.5, 7, level ? 0 : slope(random_)};
+    std::uniform_int_distribution<std::int64_t> first_col(0, kCols - 1), first_row(0, kRows - 1);
+    std::uniform_int_distribution<std::int64_t> n_cols(1, PostStrip::kColumns), n_rows(1, 12);
+    strip_.col = first_col(random_);
+    strip_.n_cols = std::min(n_cols(random_), kCols - strip_.col);
+    strip_.first_read = std::min(strip_.col, kCols - PostStrip::kColumns);
+    strip_.row = first_row(random_);
+    strip_.n_rows = std::min(n_rows(random_), kRows - strip_.row);
+    strip_.stride = kCols;
+    strip_.heights = heights_.data() + strip_.row * kCols + strip_.first_read;
+  }
+
+  double error_at(std::int64_t r, std::int64_t c) const {
+    const double z = plane_.z + plane_.slope_y * ((plane_.y0 + static_cast<double>(r) * plane_.dy) - plane_.y_a);
+    const double height = static_cast<double>(heights_[static_cast<std::size_t>(r * kCols + c)]);
+    return std::abs(z + plane_.per_col * static_cast<double>(c) - height);
+  }
+
+  StripWorst worst_one_by_one(double slack, double least) const {
+    const TriangleRows rows(u_, v_);
+    StripWorst found{least, 0, -1};
+    for (std::int64_t r = strip_.row; r < strip_.row + strip_.n_rows; ++r) {
+      const auto [west, east] = rows.cuts(std::clamp(static_cast<double>(r), rows.south(), rows.north()));
+      for (std::int64_t c = strip_.col; c < strip_.col + strip_.n_cols; ++c) {
+        if (static_cast<double>(c) < west - slack || static_cast<double>(c) > east + slack) continue;
+        if (error_at(r, c) > found.error_m) found = {error_at(r, c), r, c};
+      }
+    }
+    return found;
+  }
+
+  StripErrors errors_one_by_one() const {
+    const TriangleRows rows(u_, v_);
+    StripErrors all;
+    for (std::int64_t r = strip_.row; r < strip_.row + strip_.n_rows; ++r) {
+      const auto [west, east] = rows.cuts(std::clamp(static_cast<double>(r), rows.south(), rows.north()));
+      for (std::int64_t c = strip_.col; c < strip_.col + strip_.n_cols; ++c) {
+        if (static_cast<double>(c) < west || static_cast<double>(c) >= east) continue;
+        const double error = error_at(r, c);
+        all.largest_m = std::max(all.largest_m, error);
+        all.sum_m2 += error * error;
+        ++all.n;
+      }
+    }
+    return all;
+  }
+
+  std::mt19937 random_{20161};
+  std::vector<float> heights_;
+  double u_[3] = {}, v_[3] = {};
+  PlaneOverPosts plane_{};
+  PostStrip strip_;
+};
+
+TEST_F(StripTest, WorstIsThatOfAPlainLoop) {
+  std::uniform_real_distribution<double> least(0, 60);
+  int n_found = 0, n_none = 0;
+  for (int k = 0; k < 200'000; ++k, next()) {
+    const double above = k % 2 ? 0 : least(random_), slack = k % 3 ? 0 : 1e-9;
+    const StripWorst expected = worst_one_by_one(slack, above);
+    const Registers registers = k % 5 ? Registers::kWidest : Registers::kNarrow;
+    const StripWorst found = worst_in_strip(strip_, TriangleRows(u_, v_), slack, plane_, above, registers);
+    ASSERT_EQ(found.c, expected.c) << k;
+    (expected.c < 0 ? n_none : n_found) += 1;
+    if (expected.c < 0) continue;
+    ASSERT_EQ(found.r, expected.r) << k;
+    ASSERT_EQ(found.error_m, expected.error_m) << k;
+  }
+  EXPECT_GT(n_found, 20'000);
+  EXPECT_GT(n_none, 20'000);
+}
+
+TEST_F(StripTest, ErrorsAreThoseOfAPlainLoop) {
+  std::uint64_t n = 0;
+  for (int k = 0; k < 200'000; ++k, next()) {
+    const StripErrors expected = errors_one_by_one();
+    const StripErrors found = errors_in_strip(strip_, TriangleRows(u_, v_), plane_);
+    ASSERT_EQ(found.n, expected.n) << k;
+    ASSERT_EQ(found.largest_m, expected.largest_m) << k;
+    ASSERT_NEAR(found.sum_m2, expected.sum_m2, 1e-12 * expected.sum_m2) << k;
+    ASSERT_EQ(errors_in_strip(strip_, TriangleRows(u_, v_), plane_, Registers::kNarrow).sum_m2, found.sum_m2) << k;
+    n += found.n;
+  }
+  EXPECT_GT(n, 500'000u);
+}
+
+}  // namespace
+}  // namespace tind::test
