@@ -4,13 +4,17 @@
 #include <fcntl.h>
 #include <lmdb.h>
 #include <sys/stat.h>
+#include <sys/sysmacros.h>
 #include <unistd.h>
 
 #include <algorithm>
 #include <array>
 #include <cassert>
 #include <cerrno>
+#include <cinttypes>
+#include <cstdio>
 #include <cstring>
+#include <fstream>
 #include <new>
 
 #include "core/format/fnv1a.hpp"
@@ -43,6 +47,28 @@ std::optional<ByteView> get(MDB_txn* txn, MDB_dbi dbi, ByteView key) {
   MDB_val k = to_val(key), v{};
   if (mdb_get(txn, dbi, &k, &v) != 0) return std::nullopt;
   return ByteView(static_cast<const std::uint8_t*>(v.mv_data), v.mv_size);
+}
+
+// Where an environment's file lies in memory. LMDB does not tell, but the system does: the first map of that file.
+// Empty where /proc is not what Linux makes of it.
+ByteView map_of(MDB_env* env) {
+  int file = -1;
+  struct stat info {};
+  if (mdb_env_get_fd(env, &file) != 0 || ::fstat(file, &info) != 0) return {};
+  std::ifstream maps("/proc/self/maps");
+  for (std::string line; std::getline(maps, line);) {
+    // Begin-end permissions offset major:minor inode path
+    std::uintptr_t begin = 0, end = 0;
+    unsigned long offset = 0, inode = 0;
+    unsigned major_number = 0, minor_number = 0;
+    if (std::sscanf(line.c_str(), "%" SCNxPTR "-%" SCNxPTR " %*s %lx %x:%x %lu", &begin, &end, &offset, &major_number,
+                    &minor_number, &inode) != 6) {
+      continue;
+    }
+    if (inode != info.st_ino || offset != 0 || makedev(major_number, minor_number) != info.st_dev) continue;
+    return {reinterpret_cast<const std::uint8_t*>(begin), end - begin};
+  }
+  return {};
 }
 
 Error lmdb_error(const std::string& path, const char* doing, int code) {
@@ -226,11 +252,7 @@ Result<TileStore::Snapshot> TileStore::snapshot() const {
   return Snapshot(std::move(snapshot));
 }
 
-ByteView TileStore::map() const {
-  MDB_envinfo info{};
-  mdb_env_info(impl_->env, &info);
-  return {static_cast<const std::uint8_t*>(info.me_mapaddr), info.me_mapsize};
-}
+ByteView TileStore::map() const { return map_of(impl_->env); }
 
 Result<std::string> content_hash(const TileStore::Snapshot& snapshot) {
   Fnv1a hash;
@@ -309,6 +331,8 @@ struct TileStoreWriter::Impl {
     return {};
   }
 };
+
+ByteView TileStoreWriter::map() const { return map_of(impl_->env); }
 
 TileStoreWriter::TileStoreWriter(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
 TileStoreWriter::TileStoreWriter(TileStoreWriter&&) noexcept = default;

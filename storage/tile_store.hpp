@@ -76,7 +76,7 @@ class TileStore {
 
   /// Starts a read transaction.
   Result<Snapshot> snapshot() const;
-  /// The file's memory map.
+  /// The file in memory; empty where that cannot be told.
   ByteView map() const;
 
  private:
@@ -113,6 +113,8 @@ class TileStoreWriter {
   std::optional<ByteView> find_earlier(const PieceKey& key) const;
   /// A stored value of this writer, committed or not. The view is valid until the next append.
   std::optional<ByteView> find(const PieceKey& key) const;
+  /// The file in memory; empty where that cannot be told. Valid until the next append.
+  ByteView map() const;
   /// 64-bit FNV-1a over the keys and values appended so far, those of kInputs apart, as 16 hexadecimal digits.
   std::string content_hash() const;
   /// Writes the manifest, commits, syncs to disk and closes.

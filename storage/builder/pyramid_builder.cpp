@@ -26,6 +26,7 @@
 #include "storage/inputs_blob.hpp"
 #include "storage/level_tally.hpp"
 #include "storage/piece_blob.hpp"
+#include "storage/readers/resident_maps.hpp"
 #include "storage/zstd_codec.hpp"
 
 namespace tind {
@@ -151,6 +152,9 @@ class PyramidBuilder {
       // Such a line runs inside a tile of the cut level: it is seen by that tile's shard alone.
       std::erase_if(roots, [this](const RootEdge& root) { return !shard_.has(parent_of(root)); });
     }
+    // All bodies of the level above are read here, and nothing is appended that would give their pages back.
+    const ByteView stored = writer_.map();
+    const ResidentMap resident(const_cast<std::uint8_t*>(stored.data()), stored.size());
     struct In {
       RootEdge root;
       ParentPointer parent;

@@ -84,6 +84,32 @@ TEST_F(TileStoreTest, GivesBackEveryPieceUnderEveryName) {
   EXPECT_EQ(snapshot->find_manifest()->size(), 2u);
 }
 
+TEST_F(TileStoreTest, KnowsWhereTheFileLiesInMemory) {
+  // LMDB's first page, whose number is 0, and its magic number.
+  const auto is_file = [](ByteView map) {
+    std::uint32_t magic = 0;
+    if (map.size() >= 4096) std::memcpy(&magic, map.data() + 16, sizeof magic);
+    return magic == 0xBEEFC0DE;
+  };
+  auto writer = TileStoreWriter::create(path("growing.tind"));
+  ASSERT_TRUE(writer);
+  std::uint32_t x = 0;
+  for (; !writer->has_pieces(); ++x) {
+    ASSERT_TRUE(writer->append({PieceKind::kBody, 9, x, 0}, Bytes(100'000, 1)));
+  }
+  EXPECT_TRUE(is_file(writer->map()));
+  const auto store = TileStore::open(write_store("a.tind"));
+  ASSERT_TRUE(store);
+  const ByteView map = store->map();
+  ASSERT_TRUE(is_file(map));
+  EXPECT_GE(map.size(), fs::file_size(path("a.tind")));
+  const auto snapshot = store->snapshot();
+  const auto value = snapshot->find(pieces().front().first);
+  ASSERT_TRUE(value);
+  EXPECT_GE(value->data(), map.data());
+  EXPECT_LT(value->data(), map.data() + map.size());
+}
+
 TEST_F(TileStoreTest, FindsATilesNinePiecesAsOneByOne) {
   const auto store = TileStore::open(write_store("a.tind"));
   ASSERT_TRUE(store);
