@@ -7,9 +7,9 @@
 #include <cmath>
 #include <cstring>
 #include <limits>
-#include <thread>
 #include <type_traits>
 
+#include "core/drainage/flow_run.hpp"
 #include "core/height_field.hpp"
 
 namespace tind {
@@ -169,18 +169,6 @@ void set_origins(PostBlock& block, PostBlockSums& sums, const PostOrigin* origin
       sums.n_source += row[c] == PostOrigin::kSource;
     }
   }
-}
-
-/// Calls work(row) for every row below n_rows.
-template <class Work>
-void for_rows(std::int64_t n_rows, int threads, Work work) {
-  std::atomic<std::int64_t> next{0};
-  const auto run = [&] {
-    for (std::int64_t row = next++; row < n_rows; row = next++) work(row);
-  };
-  std::vector<std::jthread> others;
-  for (std::int64_t t = 1; t < std::min<std::int64_t>(threads, n_rows); ++t) others.emplace_back(run);
-  run();
 }
 
 }  // namespace
@@ -347,8 +335,7 @@ PostBlocks PostBlocks::build(const HeightField& field, std::span<std::byte> memo
   }
   for (int level = 0; level < result.n_levels(); ++level) {
     const Level& own = result.at(level);
-    for_rows(own.n_rows, threads, [&](std::int64_t i) {
-      if (cancel != nullptr && cancel->load(std::memory_order_relaxed)) return;
+    for_each_job({threads, cancel, {}}, own.n_rows, [&](int, std::int64_t i) {
       for (std::int64_t j = 0; j < own.n_cols; ++j) {
         if (level == 0) {
           result.fit_leaf(field, i, j);

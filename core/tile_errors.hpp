@@ -28,9 +28,7 @@ class TileErrors {
   void measure(int threads, TileStats& stats) const;
 
  private:
-  struct Sums {
-    double largest_m = 0, sum_m2 = 0;
-    std::uint64_t n = 0;
+  struct Sums : StripErrors {
     void add(double error_m) {
       largest_m = greater(error_m, largest_m);
       sum_m2 += error_m * error_m;
@@ -41,7 +39,6 @@ class TileErrors {
       sum_m2 += e.sum_m2;
       n += e.n;
     }
-    void add(const Sums& s) { add(StripErrors{s.largest_m, s.sum_m2, s.n}); }
   };
   // The posts of a window that count.
   struct Measured {

@@ -151,6 +151,12 @@ class TilePosts {
     while (index < w->first_index) --w;
     return *w;
   }
+  // Rows [first, end) of a box that a triangle may have posts in.
+  static std::pair<std::int64_t, std::int64_t> rows_in_box(const TriangleRows& rows, const PostWindow& w,
+                                                           const PostBlocks::Extent& e) {
+    return {std::max({std::int64_t{0}, e.row, ceil_of(rows.south() - w.slack_y)}),
+            std::min({w.n_rows, e.row + e.n_rows, floor_of(rows.north() + w.slack_y) + 1})};
+  }
   void find_windows();
   void find_posts();
   void find_covered_boxes();
@@ -209,9 +215,8 @@ void TilePosts::for_rows(const PlanTriangle& t, const PostWindow& w, Row row) {
 
 template <class Row>
 void TilePosts::for_rows_in_box(const TriangleRows& rows, const PostWindow& w, const PostBlocks::Extent& e, Row row) {
-  const auto r_first = std::max({std::int64_t{0}, e.row, ceil_of(rows.south() - w.slack_y)});
-  const auto r_last = std::min({w.n_rows, e.row + e.n_rows, floor_of(rows.north() + w.slack_y) + 1}) - 1;
-  for (std::int64_t r = r_first; r <= r_last; ++r) {
+  const auto [r_first, r_end] = rows_in_box(rows, w, e);
+  for (std::int64_t r = r_first; r < r_end; ++r) {
     const auto [west, east] = rows.cuts(std::min(std::max(static_cast<double>(r), rows.south()), rows.north()));
     const auto c_first = std::max({std::int64_t{0}, e.col, ceil_of(west - w.slack_x)});
     const auto c_last = std::min({w.n_cols, e.col + e.n_cols, floor_of(east + w.slack_x) + 1}) - 1;
@@ -260,8 +265,7 @@ void TilePosts::for_promising_boxes(const TriangleInPosts& t, const TriangleRows
                                     const double& worst, Bound bound, Visit box) const {
   // The posts that the triangle may have in a part of the window.
   const auto visit_box = [&](const PostBlocks::Extent& e) {
-    const auto r_first = std::max({std::int64_t{0}, e.row, ceil_of(rows.south() - w.slack_y)});
-    const auto r_end = std::min({w.n_rows, e.row + e.n_rows, floor_of(rows.north() + w.slack_y) + 1});
+    const auto [r_first, r_end] = rows_in_box(rows, w, e);
     const auto c_first = std::max({std::int64_t{0}, e.col, ceil_of(t.west() - kNoPost)});
     const auto c_end = std::min({w.n_cols, e.col + e.n_cols, floor_of(t.east() + kNoPost) + 1});
     if (r_first < r_end && c_first < c_end) box({r_first, c_first, r_end - r_first, c_end - c_first});

@@ -2,17 +2,15 @@
 #include "storage/readers/point_grid.hpp"
 
 #include <algorithm>
-#include <atomic>
 #include <cmath>
-#include <exception>
 #include <limits>
-#include <thread>
 #include <tuple>
 #include <utility>
 
 #include <fmt/format.h>
 
 #include "core/delaunay_surface.hpp"
+#include "core/drainage/flow_run.hpp"
 #include "storage/readers/falloff.hpp"
 #include "storage/readers/gdal_raster.hpp"
 #include "storage/readers/point_scatter.hpp"
@@ -226,27 +224,11 @@ Result<void> PointGrid::Impl::interpolate(int threads, const std::function<void(
     }
   }
   // Windows write their own posts alone, so their order does not matter.
-  std::atomic<std::size_t> next{0};
-  std::vector<std::exception_ptr> failures(static_cast<std::size_t>(std::max(threads, 1)));
-  const auto work = [&](std::size_t worker) {
-    try {
-      for (std::size_t i = next++; i < windows.size() && !is_set(grid.cancel); i = next++) {
-        interpolate_window(windows[i]);
-        if (worker == 0 && progress) progress(static_cast<double>(i + 1) / static_cast<double>(windows.size()));
-      }
-    } catch (...) {
-      failures[worker] = std::current_exception();
-      next = windows.size();
-    }
-  };
-  {
-    std::vector<std::jthread> others;
-    for (std::size_t t = 1; t < failures.size(); ++t) others.emplace_back(work, t);
-    work(0);
-  }
-  for (const std::exception_ptr& failure : failures) {
-    if (failure) std::rethrow_exception(failure);
-  }
+  const auto n_windows = static_cast<std::int64_t>(windows.size());
+  for_each_job({threads, grid.cancel, {}}, n_windows, [&](int worker, std::int64_t i) {
+    interpolate_window(windows[static_cast<std::size_t>(i)]);
+    if (worker == 0 && progress) progress(static_cast<double>(i + 1) / static_cast<double>(n_windows));
+  });
   if (is_set(grid.cancel)) return interrupted();
   return {};
 }

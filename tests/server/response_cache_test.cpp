@@ -17,6 +17,21 @@ AnswerParts answer(std::size_t n) {
 }
 CacheKey key(std::uint64_t k) { return {1, k, 0}; }
 
+// Puts answers 0..n-1 of so many bytes into a cache that never goes beyond its capacity.
+void fill(ResponseCache& cache, std::size_t capacity, std::uint64_t n, std::size_t n_body) {
+  for (std::uint64_t k = 0; k < n; ++k) {
+    cache.put(key(k), answer(n_body));
+    ASSERT_LE(cache.n_bytes(), capacity);
+  }
+}
+
+// How many of answers 0..n-1 are there.
+std::size_t n_found(ResponseCache& cache, std::uint64_t n) {
+  std::size_t found = 0;
+  for (std::uint64_t k = 0; k < n; ++k) found += cache.find(key(k)) ? 1 : 0;
+  return found;
+}
+
 TEST(ResponseCache, AnAnswerKeepsItsParts) {
   for (const std::size_t capacity : {std::size_t{0}, std::size_t{1} << 20}) {
     ResponseCache cache(capacity);
@@ -32,14 +47,10 @@ TEST(ResponseCache, AnAnswerKeepsItsParts) {
 TEST(ResponseCache, KeepsWhatIsUsedAndStaysInBounds) {
   constexpr std::size_t kCapacity = 160000;
   ResponseCache cache(kCapacity);
-  std::size_t found = 0;
-  for (std::uint64_t k = 0; k < 1000; ++k) {
-    cache.put(key(k), answer(1000));
-    ASSERT_LE(cache.n_bytes(), kCapacity);
-  }
+  fill(cache, kCapacity, 1000, 1000);
   EXPECT_TRUE(cache.find(key(999)));
   EXPECT_FALSE(cache.find(key(0)));
-  for (std::uint64_t k = 0; k < 1000; ++k) found += cache.find(key(k)) ? 1 : 0;
+  const std::size_t found = n_found(cache, 1000);
   EXPECT_GT(found, 60u);
   EXPECT_LE(found, 160u);
   cache.put({9, 9, 9}, answer(10));
@@ -61,13 +72,8 @@ TEST(ResponseCache, WhatIsUsedOnceStaysNotForEver) {
 TEST(ResponseCache, ManySmallAnswersCountWithTheirIndex) {
   constexpr std::size_t kCapacity = 200000;
   ResponseCache cache(kCapacity);
-  std::size_t found = 0;
-  for (std::uint64_t k = 0; k < 5000; ++k) {
-    cache.put(key(k), answer(0));
-    ASSERT_LE(cache.n_bytes(), kCapacity);
-  }
-  for (std::uint64_t k = 0; k < 5000; ++k) found += cache.find(key(k)) ? 1 : 0;
-  EXPECT_GT(found, 500u);
+  fill(cache, kCapacity, 5000, 0);
+  EXPECT_GT(n_found(cache, 5000), 500u);
 }
 
 TEST(ResponseCache, AnAnswerOutlivesItsPlaceAndTheCache) {
