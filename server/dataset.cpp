@@ -60,7 +60,7 @@ Result<Dataset> open_dataset(const std::string& path, std::string name, TreeExte
   std::string text(json->begin(), json->end());
   // The manifest has a hash of all pieces.
   std::string version = fingerprint({text, TIND_VERSION});
-  static std::atomic<std::uint64_t> n_opened = 0;
+  static std::atomic<std::uint32_t> n_opened = 0;
   struct stat info {};
   const std::int64_t modified_s = ::stat(path.c_str(), &info) == 0 ? info.st_mtime : 0;
   return Dataset{std::move(name),    std::move(*store), std::move(*manifest), std::move(text),

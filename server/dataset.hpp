@@ -20,7 +20,7 @@ struct Dataset {
   Manifest manifest;
   std::string manifest_json;
   std::string version;          ///< 16 hex digits; changes with the file's manifest and with the daemon's version.
-  std::uint64_t id = 0;         ///< Never 0, another for each that this process opens: for keys of caches.
+  std::uint32_t id = 0;         ///< Never 0, another for each that this process opens: for keys of caches.
   std::int64_t modified_s = 0;  ///< When the file was last written, seconds since 1970.
   std::string last_modified;    ///< The same as HTTP says it.
 };
@@ -33,6 +33,12 @@ Result<Dataset> open_dataset(const std::string& path, std::string name = {}, Tre
 /// Reads and assembles a tile. nullopt: not stored. kCorrupt: a piece is missing or broken.
 Result<std::optional<VirtualNode>> load_tile(const Dataset& dataset, const TileStore::Snapshot& snapshot,
                                              const TileKey& key);
+
+/// Level, x and y in one number.
+constexpr std::uint64_t packed(const TileKey& key) {
+  static_assert(kMaxLevel <= 28, "level, x and y fit into 64 bits");
+  return std::uint64_t{key.level} << 58 | std::uint64_t{key.x} << 29 | key.y;
+}
 
 /// The tiles of the same level that touch `key`, itself not included, wrapping in x, each once. At most eight.
 std::vector<TileKey> neighbours_of(const TileKey& key);

@@ -9,21 +9,12 @@ namespace {
 
 constexpr std::size_t kFewestSegments = 16;  // of a full cache: what goes at once is small against it
 constexpr std::size_t kFewestSlots = 16;
-constexpr std::size_t kLineBytes = 64, kMostFetchedBytes = 16384;
 
 std::uint64_t hash_of(const CacheKey& key) {
   // Multiplies by odd constants and folds the well mixed upper bits down.
   std::uint64_t h = (key.source ^ (std::uint64_t{key.representation} << 56)) * 0x9e3779b97f4a7c15u;
   h = (h ^ (h >> 32) ^ key.tile) * 0xd6e8feb86659fd93u;
   return h ^ (h >> 32);
-}
-
-// Asks for the lines of an answer that is about to be sent: they come while its head is put together and the kernel
-// makes ready, and not one after another when it copies them.
-void fetch(const CacheBlock& block) {
-  const auto* const bytes = reinterpret_cast<const char*>(&block);
-  const std::size_t n_bytes = std::min(block.n_bytes(), kMostFetchedBytes);
-  for (std::size_t at = kLineBytes; at < n_bytes; at += kLineBytes) __builtin_prefetch(bytes + at, 0, 2);
 }
 
 std::size_t whole_pages(std::size_t n_bytes) {
@@ -91,7 +82,6 @@ CachedResponse ResponseCache::find(const CacheKey& key) {
   ++shard.n_hits;
   const CacheBlock& block = *slot->block;
   if (!block.used.load(std::memory_order_relaxed)) block.used.store(true, std::memory_order_relaxed);
-  fetch(block);
   return kept(block);
 }
 

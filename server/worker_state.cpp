@@ -3,6 +3,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <unordered_set>
 
 #include "storage/value_hash.hpp"
@@ -11,8 +12,8 @@ namespace tind {
 namespace {
 
 // Of the values' hashes: bytes that only move from one piece to the next make another tile.
-std::uint64_t hash_of(const std::array<ByteView, 9>& values) {
-  std::array<std::uint64_t, 9> hashes;
+std::uint64_t hash_of(const std::array<ByteView, ResolvedTile::kValues>& values) {
+  std::array<std::uint64_t, ResolvedTile::kValues> hashes;
   for (std::size_t k = 0; k < values.size(); ++k) hashes[k] = value_hash(values[k]);
   return value_hash({reinterpret_cast<const std::uint8_t*>(hashes.data()), sizeof hashes});
 }
@@ -66,31 +67,31 @@ Result<const TileStore::Snapshot*> WorkerState::snapshot(const std::shared_ptr<c
 }
 
 Result<const ResolvedTile*> WorkerState::resolve(const std::shared_ptr<const Dataset>& dataset, const TileKey& key) {
-  const std::uint64_t product = std::hash<TileKey>{}(key)*0x9e3779b97f4a7c15u + dataset->id;
-  const std::size_t mixed = product ^ (product >> 32);
+  const std::uint64_t packed_key = packed(key);
+  const std::uint64_t product = (packed_key + dataset->id) * 0x9e3779b97f4a7c15u;
+  const std::uint64_t mixed = product ^ (product >> 32);
   auto& chunk = table_[mixed % kChunks];
   if (!chunk) chunk = std::make_unique<std::array<TileSet, kSetsPerChunk>>();
   TileSet& set = (*chunk)[mixed / kChunks % kSetsPerChunk];
-  for (const ResolvedTile& tile : set.tiles) {
-    if (tile.dataset_id != dataset->id || tile.key != key) continue;
-    // The values lie apart in a map that may be out of the processor's caches: all are fetched at once.
-    for (const ByteView value : tile.values) __builtin_prefetch(value.data());
-    return &tile;
+  for (const ResolvedTile& tile : set) {
+    if (tile.packed_key == packed_key && tile.dataset_id == dataset->id) return &tile;
   }
-  ResolvedTile& slot = set.tiles[set.next_out++ % kSetSize];
   const auto opened = snapshot(dataset);
   if (!opened) return tl::unexpected(opened.error());
-  slot.dataset_id = 0;
-  if (!(*opened)->find_tile(key, slot.values)) return nullptr;
-  for (const ByteView value : slot.values) {
-    if (!value.empty()) continue;
-    return fail(ErrorKind::kCorrupt,
-                fmt::format("{} {}/{}/{}: a piece is missing", dataset->name, key.level, key.x, key.y));
+  std::array<ByteView, ResolvedTile::kValues> values;
+  if (!(*opened)->find_tile(key, values)) return nullptr;
+  ResolvedTile tile{.packed_key = packed_key, .dataset_id = dataset->id, .hash = hash_of(values)};
+  for (std::size_t k = 0; k < values.size(); ++k) {
+    if (values[k].empty()) {
+      return fail(ErrorKind::kCorrupt,
+                  fmt::format("{} {}/{}/{}: a piece is missing", dataset->name, key.level, key.x, key.y));
+    }
+    tile.addresses[k] = values[k].data();
+    tile.n_bytes[k] = static_cast<std::uint32_t>(values[k].size());  // LMDB's lengths have 32 bits
   }
-  slot.dataset_id = dataset->id;
-  slot.key = key;
-  slot.hash = hash_of(slot.values);
-  return &slot;
+  std::move_backward(set.begin(), set.end() - 1, set.end());
+  set[0] = tile;
+  return &set[0];
 }
 
 Coding WorkerState::coding_for(std::optional<std::string_view> accept_encoding) {

@@ -14,13 +14,19 @@
 
 namespace tind {
 
-/// A tile's stored values, found in the memory map.
-struct ResolvedTile {
-  std::uint64_t dataset_id = 0;  ///< 0: of none.
-  TileKey key;
-  std::uint64_t hash = 0;          ///< Of the nine values.
-  std::array<ByteView, 9> values;  ///< In the order of pieces_of().
+/// A tile's stored values, found in the memory map. Two lines of the processor's cache.
+struct alignas(64) ResolvedTile {
+  static constexpr std::size_t kValues = 9;
+
+  std::uint64_t packed_key = 0;  ///< The tile's, packed().
+  std::uint32_t dataset_id = 0;  ///< 0: of none.
+  std::array<std::uint32_t, kValues> n_bytes{};
+  std::uint64_t hash = 0;                              ///< Of the values.
+  std::array<const std::uint8_t*, kValues> addresses;  ///< In the order of pieces_of().
+
+  ByteView value(std::size_t k) const { return {addresses[k], n_bytes[k]}; }
 };
+static_assert(sizeof(ResolvedTile) == 128);
 
 /// What one thread keeps from one request to the next: the site that it serves, a read transaction for each dataset
 /// asked for, the tiles found lately, and scratch memory. Files are never written in place, so a transaction is begun
@@ -58,12 +64,9 @@ class WorkerState {
   std::string target_scratch;  ///< For parse_target.
 
  private:
-  // Places for tiles, in sets of a few that one address may go to; made when they are first wanted.
-  static constexpr std::size_t kSetSize = 4, kSetsPerChunk = 128, kChunks = 64;  // 32,768 tiles, 6 MB
-  struct TileSet {
-    std::array<ResolvedTile, kSetSize> tiles;
-    std::size_t next_out = 0;
-  };
+  // Places for tiles, in sets of a few that one address may go to, the latest first; made when first wanted.
+  static constexpr std::size_t kSetSize = 4, kSetsPerChunk = 128, kChunks = 64;  // 32,768 tiles, 4 MB
+  using TileSet = std::array<ResolvedTile, kSetSize>;
 
   struct OpenDataset {
     std::shared_ptr<const Dataset> dataset;

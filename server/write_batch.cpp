@@ -13,9 +13,18 @@ void append_number(std::string& out, std::uint64_t value) {
   out.append(digits, static_cast<std::size_t>(end - digits));
 }
 
+// Asks for the lines of a body that is about to be sent: they come while its head is put together and the kernel makes
+// ready, and not one after another when it copies them.
+void fetch(ByteView bytes) {
+  constexpr std::size_t kLineBytes = 64, kMostBytes = 16384;
+  const std::size_t n_bytes = std::min(bytes.size(), kMostBytes);
+  for (std::size_t at = 0; at < n_bytes; at += kLineBytes) __builtin_prefetch(bytes.data() + at, 0, 2);
+}
+
 }  // namespace
 
 void WriteBatch::add(Response& response, std::string_view common, bool keep_alive) {
+  for (const ByteView slice : response.slices()) fetch(slice);
   const std::size_t before = copied_.size();
   copied_ += "HTTP/1.1 ";
   append_number(copied_, static_cast<std::uint64_t>(response.status));
