@@ -30,8 +30,8 @@ constexpr std::string_view kRanges = "Accept-Ranges: bytes\r\n";
 // What RFC 9110 and RFC 5789 know; any other word is no method to us.
 constexpr std::array<std::string_view, 6> kOtherMethods = {"POST", "PUT", "DELETE", "PATCH", "TRACE", "CONNECT"};
 
-// Representations in the cache's keys: two bits of coding below, these above.
-enum class Kind : std::uint32_t { kTerrain, kTerrainWithNormals, kVn, kCodes, kDocument, kFile };
+// Representations in the cache's keys: two bits of coding below, these above; kPiece and those behind it by PieceKind.
+enum class Kind : std::uint32_t { kTerrain, kTerrainWithNormals, kVn, kCodes, kDocument, kFile, kPiece };
 
 template <class... Visitors>
 struct Overloaded : Visitors... {
@@ -49,6 +49,11 @@ std::uint64_t hash_numbers(std::span<const std::uint64_t> numbers) {
 
 CacheKey cache_key(std::uint64_t source, Kind kind, Coding coding, const TileKey& key = {}) {
   return {source, packed(key), static_cast<std::uint32_t>(kind) << 2 | static_cast<std::uint32_t>(coding)};
+}
+CacheKey cache_key(std::uint64_t source, const PieceKey& key, Coding coding) {
+  const PieceKey at = key.canonical();
+  const auto kind = static_cast<std::uint32_t>(Kind::kPiece) + static_cast<std::uint32_t>(at.kind);
+  return cache_key(source, static_cast<Kind>(kind), coding, {at.level, at.i, at.j});
 }
 
 // An entity tag, made without memory: "HASH-kind", with the coding's letter.
@@ -352,7 +357,8 @@ void Handler::parts(Context& context, const ServedDataset& served, const TileKey
   context.apply_range(representation.validators());
 }
 
-// One stored value: a zstd frame goes out as it is to whoever takes zstd.
+// One stored value: out of the memory map as it is, but a zstd frame to whoever takes no zstd: unpacked, and coded,
+// once.
 void Handler::piece(Context& context, const ServedDataset& served, const PieceKey& key) {
   const auto snapshot = context.worker.snapshot(served.dataset);
   if (!snapshot) return context.internal_error(snapshot.error());
@@ -362,31 +368,24 @@ void Handler::piece(Context& context, const ServedDataset& served, const PieceKe
   const Tag tag(value_hash(*value), "r", context.wanted);
   const Representation representation{"application/vnd.tind.piece", tag.view(), "Accept-Encoding",
                                       served.dataset.get()};
+  const Coding stored = is_zstd_frame(*value) ? Coding::kZstd : Coding::kIdentity;
+  if (stored == Coding::kZstd && context.wanted != Coding::kZstd) {
+    return coded(context, cache_key(served.dataset->id, key, context.wanted), representation,
+                 [&] { return unpack_value(*value); });
+  }
   if (context.is_answered_by(representation.validators(),
                              [&](std::string& fields) { representation.append_validators(fields); })) {
     return;
   }
   Response& out = context.out;
   out.reset();
-  Coding coding = Coding::kIdentity;
-  if (!is_zstd_frame(*value) || context.wanted == Coding::kZstd) {
-    coding = is_zstd_frame(*value) ? Coding::kZstd : Coding::kIdentity;
-    out.add(*value);
-    out.content_length = value->size();
-  } else {
-    auto record = unpack_value(*value);
-    if (!record) return context.internal_error(record.error());
-    const auto body = std::make_shared<const Coded>(apply_coding(std::move(*record), context.wanted));
-    coding = body->coding;
-    out.add(body->bytes);
-    out.content_length = body->bytes.size();
-    out.keep(body);
-  }
-  out.coding = coding;
-  representation.append_content(out.fields, coding);
+  out.add(*value);
+  out.content_length = value->size();
+  out.coding = stored;
+  representation.append_content(out.fields, stored);
   representation.append_validators(out.fields);
   out.fields += context.cache_control;
-  if (coding == Coding::kIdentity) context.apply_range(representation.validators());
+  if (stored == Coding::kIdentity) context.apply_range(representation.validators());
 }
 
 void Handler::answer(Context& context) {

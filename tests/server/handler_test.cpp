@@ -287,6 +287,27 @@ TEST_F(HandlerTest, PartsAreTheNineValuesOfTheStore) {
   EXPECT_TRUE(in.finished());
 }
 
+// Who takes no zstd gets what a stored frame holds: unpacked and coded the first time only, pieces and codings apart.
+TEST_F(HandlerTest, PiecesAreUnpackedAndCodedOnce) {
+  const std::vector<std::string> targets = {"/world/edge/1/h/2/1", "/world/edge/1/v/2/1", "/world/body/1/2/1",
+                                            "/world/body/1/2/0"};
+  std::vector<Bytes> first;
+  for (const std::string& target : targets) {
+    for (const char* coding : {"identity", "gzip"}) first.push_back(body_of(get(target, coding)));
+  }
+  const std::uint64_t n_made = handler_.cache().counts().n_puts;
+  EXPECT_GE(n_made, 4u) << "bodies are stored as frames";
+  const auto snapshot = dataset().store.snapshot();
+  for (std::size_t k = 0; k < first.size(); ++k) {
+    const Response again = get(targets[k / 2], k % 2 == 0 ? "identity" : "gzip");
+    EXPECT_EQ(body_of(again), first[k]) << targets[k / 2];
+    for (std::size_t other = 0; other < k; ++other) EXPECT_NE(first[other], first[k]) << targets[k / 2];
+  }
+  const auto record = unpack_value(*snapshot->find({PieceKind::kBody, 1, 2, 0}));
+  EXPECT_EQ(first[6], *record);
+  EXPECT_EQ(handler_.cache().counts().n_puts, n_made);
+}
+
 TEST_F(HandlerTest, CodesCutBordersAtCoarserVertices) {
   const auto codes = nlohmann::json::parse(text_of(get("/world/codes/1/3/1")));
   EXPECT_EQ(codes.at("level"), 1);

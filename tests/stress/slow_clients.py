@@ -19,6 +19,7 @@ from world import TILES, Daemon, Programs, Verdict, Watch, folder, right_answers
 
 LATE_S = 3.0  # after its deadline, on a loaded machine
 PIPELINED = 40
+ROUNDS = 5
 
 
 def trickle(port, n, deadline_s):
@@ -96,9 +97,9 @@ def main():
     parser.add_argument("programs", type=Programs)
     parser.add_argument("--slow", type=int, default=800)
     parser.add_argument("--readers", type=int, default=100)
-    parser.add_argument("--requests", type=int, default=300000, help="of other clients, before and meanwhile")
+    parser.add_argument("--requests", type=int, default=300000, help="of other clients, before and after; meanwhile as many as fit")
     parser.add_argument("--deadline", type=int, default=5, help="request_timeout_s")
-    parser.add_argument("--slack", type=float, default=2.0, help="times that other clients' p99 may grow; a loaded machine needs more")
+    parser.add_argument("--slack", type=float, default=2.0, help="times that other clients' p99 and processor time may grow; a loaded machine needs more")
     options = parser.parse_args()
     verdict = Verdict(f"{options.slow} slow requests, {options.readers} slow readers")
     with folder() as work:
@@ -108,24 +109,22 @@ def main():
         addresses = write_list(work / "list.txt", right)
         arguments = [work / "world.tind", "--request-timeout-s", str(options.deadline)]
         with Daemon(options.programs.tind, arguments) as daemon:
-            others = options.programs, daemon, addresses, 16, options.requests
-            Watch(*others).run()  # warms it
-            before, meanwhile = Watch(*others).run(), Watch(*others)
+            others = options.programs, daemon, addresses, 16, options.requests // ROUNDS
+            Watch(*others).run(ROUNDS)  # warms it
+            without, meanwhile = Watch(*others).run(ROUNDS), Watch(*others)
             files, cuts = daemon.n_open_files(), []
             thread = threading.Thread(target=lambda: cuts.extend(trickle(daemon.port, options.slow, options.deadline)))
             thread.start()
             while thread.is_alive():
                 meanwhile.round()
+            without.run(ROUNDS)  # before and after, on a machine whose speed changes
             ends, codes = cuts
             in_time = [end for end in ends if end is not None and options.deadline - 0.5 <= end <= options.deadline + LATE_S]
             spread = sorted(end for end in ends if end is not None)
             verdict.require(len(in_time) == options.slow, f"{len(in_time)} of {options.slow} slow requests cut at {options.deadline} s"
                             + (f" ({spread[0]:.1f} to {spread[-1]:.1f} s)" if spread else ""))
             verdict.require(all(code == "408" for code in codes), f"{codes.count('408')} were told 408")
-            verdict.require(before.all_right() and meanwhile.all_right(), f"other clients: {meanwhile.n_answers()} right answers meanwhile")
-            verdict.require(meanwhile.p99_us() <= options.slack * before.p99_us(),
-                            f"other clients' p99: {before.p99_us():.0f} us before, {meanwhile.p99_us():.0f} us meanwhile; "
-                            f"processor time an answer: {before.cpu_us():.1f} and {meanwhile.cpu_us():.1f} us")
+            verdict.require_unnoticed(without, meanwhile, options.slack)
 
             stop = threading.Event()
             readers, cut = sip(daemon.port, options.readers, stop)

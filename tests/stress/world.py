@@ -16,7 +16,6 @@ from wire import ask  # noqa: E402
 TILES = [f"/world/{level}/{x}/{y}" for level, nx, ny in ((0, 2, 1), (1, 4, 2)) for y in range(ny) for x in range(nx)]
 TARGETS = [tile + suffix for tile in TILES for suffix in (".terrain", ".vn", ".parts")] + \
     ["/world/body/1/1/1", "/world/body/1/2/0", "/world/edge/1/h/1/1", "/world/edge/1/v/2/1", "/world/corner/1/1/1", "/world/codes/1/1/1"]
-ROUNDS = 5
 GZIP = "Accept-Encoding: gzip\r\n"
 
 
@@ -76,11 +75,11 @@ class Others:
 
 
 class Watch:
-    """Runs other clients in rounds; the median of the rounds' p99 is what they notice."""
+    """Runs other clients in rounds of `requests`; the median of the rounds' p99 is what they notice."""
 
     def __init__(self, programs, daemon, addresses, connections, requests):
         self.daemon = daemon
-        self.arguments = programs, daemon.port, addresses, connections, max(1, requests // ROUNDS)
+        self.arguments = programs, daemon.port, addresses, connections, max(1, requests)
         self.rounds, self.spent_s = [], 0.0
 
     def round(self):
@@ -88,8 +87,8 @@ class Watch:
         self.rounds.append(Others(*self.arguments).figures())
         self.spent_s += self.daemon.cpu_s() - before
 
-    def run(self):
-        for _ in range(ROUNDS):
+    def run(self, n_rounds):
+        for _ in range(n_rounds):
             self.round()
         return self
 
@@ -121,6 +120,14 @@ class Verdict:
         print(("ok: " if holds else "FAILED: ") + text, flush=True)
         if not holds:
             self.failed.append(text)
+
+    def require_unnoticed(self, without, meanwhile, slack):
+        """Other clients' rounds with and without the attack: right answers, and medians that differ by `slack` at most."""
+        self.require(without.all_right() and meanwhile.all_right(), f"other clients: {meanwhile.n_answers()} right answers meanwhile")
+        for what, look in (("p99", Watch.p99_us), ("processor time an answer", Watch.cpu_us)):
+            ratio = look(meanwhile) / look(without)
+            self.require(ratio <= slack, f"other clients' {what}: {look(without):.1f} us without, {look(meanwhile):.1f} us meanwhile, "
+                         f"ratio {ratio:.2f} (at most {slack:g}; {len(without.rounds)} and {len(meanwhile.rounds)} rounds)")
 
     def require_good_end(self, daemon):
         """SIGTERM ends the daemon with status 0; a sanitizer that found something says otherwise."""
