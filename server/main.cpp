@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
+#include <malloc.h>
+
 #include <csignal>
 #include <cstdio>
 #include <cstdlib>
@@ -46,6 +48,14 @@ struct ErrorLog {
   ErrorLog& operator=(const ErrorLog&) = delete;
 };
 
+// What an encoding frees stays for the next one. By default glibc gives it back to the system each time: 35 page faults
+// a tile of 8 KB, a tenth of the processor time of encoding it.
+void keep_freed_memory() {
+  constexpr int kMegabyte = 1 << 20;
+  ::mallopt(M_MMAP_THRESHOLD, 8 * kMegabyte);
+  ::mallopt(M_TRIM_THRESHOLD, 16 * kMegabyte);
+}
+
 int run(const std::vector<std::string>& arguments) {
   const auto command = tind::read_command_line(arguments, environment);
   if (const auto* done = std::get_if<tind::CommandExit>(&command)) {
@@ -56,6 +66,7 @@ int run(const std::vector<std::string>& arguments) {
     return tind::run_check({check->paths, check->as_json, 0}, stdout, stderr);
   }
   const auto& settings = std::get<tind::Settings>(command);
+  keep_freed_memory();
   auto sockets = tind::take_passed_sockets();
   const auto catalog = tind::Catalog::open(settings);
   if (!catalog) return report(catalog.error());
