@@ -17,6 +17,7 @@
 #include "storage/builder/source_levels.hpp"
 #include "storage/builder/unfinished_output.hpp"
 #include "storage/builder/version.hpp"
+#include "storage/readers/post_arrays.hpp"
 #include "storage/tile_store.hpp"
 #include "storage/zstd_codec.hpp"
 
@@ -30,6 +31,9 @@ constexpr double kLineShare = 0.1;
 // take a moment, in which drainage and loading touch more than tiles do.
 constexpr double kMapsWhileReading = 0.4;
 constexpr double kMapsWhileBuilding = 0.48;
+// Posts and their blocks stay arrays up to such a share of it: pages are not needed to bound memory then, and cost a
+// twentieth of the build.
+constexpr double kPostsAsArrays = 0.3;
 // Share of it that pages of posts take, of all threads together.
 constexpr double kPagesOfPosts = 0.2;
 
@@ -295,12 +299,13 @@ Result<BuildReport> build_pyramid(const BuildOptions& options, Progress& progres
   report.given = lines->given;
   ::malloc_trim(0);  // many small blocks were freed
   report.line_seconds = seconds_since(line_start);
-  // The calling thread looks at posts, too, and tiles that threads share have as many again.
-  const double held_bytes = static_cast<double>(options.memory_bytes) * kPagesOfPosts / (2 * report.threads + 1);
-  if (auto turned =
-          source->turn_into_pages(scratch_dir, static_cast<std::size_t>(held_bytes), report.threads, options.cancel);
-      !turned) {
-    return give_up(turned.error());
+  const auto memory_bytes = static_cast<double>(options.memory_bytes);
+  if (static_cast<double>(PostArrays::n_bytes(source->field())) > kPostsAsArrays * memory_bytes) {
+    // The calling thread looks at posts, too, and tiles that threads share have as many again.
+    const auto held_bytes = static_cast<std::size_t>(memory_bytes * kPagesOfPosts / (2 * report.threads + 1));
+    if (auto turned = source->turn_into_pages(scratch_dir, held_bytes, report.threads, options.cancel); !turned) {
+      return give_up(turned.error());
+    }
   }
   HeightField field = source->field();
   field.pinned = lines->pyramid.pinned();

@@ -120,7 +120,7 @@ tl::unexpected<Error> cannot_write(int error) {
 Result<PostArrays> PostArrays::create(const std::string& folder, std::int64_t n_rows, std::int64_t n_cols) {
   const auto n_posts = static_cast<std::uint64_t>(n_rows) * static_cast<std::uint64_t>(n_cols);
   const std::uint64_t n_block_bytes = PostBlocks::n_bytes(n_rows, n_cols);
-  auto map = ScratchMap::create(folder, n_posts * (sizeof(float) + sizeof(PostOrigin)));
+  auto map = ScratchMap::create(folder, n_post_bytes(n_rows, n_cols));
   if (!map) return tl::unexpected(map.error());
   auto block_map = ScratchMap::create(folder, n_block_bytes);
   if (!block_map) return tl::unexpected(block_map.error());

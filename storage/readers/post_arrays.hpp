@@ -24,6 +24,10 @@ class PostArrays {
   /// As ScratchMap::create. Preconditions: n_rows, n_cols >= 1.
   static Result<PostArrays> create(const std::string& folder, std::int64_t n_rows, std::int64_t n_cols);
   PostArrays() = default;
+  /// Bytes of the arrays behind such a field, blocks included.
+  static std::uint64_t n_bytes(const HeightField& field) {
+    return n_post_bytes(field.n_rows, field.n_cols) + PostBlocks::n_bytes(field.n_rows, field.n_cols);
+  }
 
   /// The grid of posts; `wraps` is the caller's to set.
   PostGrid grid() const;
@@ -42,6 +46,11 @@ class PostArrays {
                                CancelFlag cancel);
 
  private:
+  static std::uint64_t n_post_bytes(std::int64_t n_rows, std::int64_t n_cols) {
+    return static_cast<std::uint64_t>(n_rows) * static_cast<std::uint64_t>(n_cols) *
+           (sizeof(float) + sizeof(PostOrigin));
+  }
+
   ScratchMap map_, block_map_;
   std::int64_t n_rows_ = 0, n_cols_ = 0;
   float* heights_m_ = nullptr;

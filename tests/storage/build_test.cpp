@@ -235,6 +235,17 @@ TEST_F(BuildTest, WritesTheSameBytesForAnyNumberOfThreads) {
   EXPECT_EQ(files(), (std::set<std::string>{"1.tind", "2.tind", "3.tind", "mountains.asc"}));
 }
 
+// Little memory: posts lie in pages, of which few are held.
+TEST_F(BuildTest, WritesTheSameBytesForAnyMemory) {
+  const std::string input = write_mountains();
+  ASSERT_TRUE(build(options({input}, "much.tind", 2)));
+  BuildOptions little = options({input}, "little.tind", 2);
+  little.memory_bytes = std::uint64_t{64} << 10;
+  const auto report = build(little);
+  ASSERT_TRUE(report) << report.error().message;
+  EXPECT_EQ(bytes_of("much.tind"), bytes_of("little.tind"));
+}
+
 TEST_F(BuildTest, WritesTheSameBytesForAnyOrderOfInputs) {
   const HeightAt rough = rough_terrain(5, 1000);
   // Overlapping by a column that disagrees by half a metre.
