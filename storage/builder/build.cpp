@@ -188,167 +188,233 @@ std::vector<TileKey> changed_tiles(const Manifest& now, const Manifest& earlier,
   return tiles;
 }
 
-}  // namespace
+// One build, step by step: each leaves what the next one needs.
+class Build {
+ public:
+  Build(const BuildOptions& options, Progress& progress) : options_(options), progress_(progress) {}
 
-Result<BuildReport> build_pyramid(const BuildOptions& options, Progress& progress) {
-  const auto start = std::chrono::steady_clock::now();
-  const bool goes_on = options.resume && UnfinishedOutput::exists_for(options.output);
-  if (auto checked = check_output(options.output, options.force || options.resume); !checked) {
-    return tl::unexpected(checked.error());
-  }
-  if (auto checked = check_lines_out(options); !checked) return tl::unexpected(checked.error());
-  progress.update(0, "reading");
-  auto source = ElevationSource::open(options.source);
-  if (!source) return tl::unexpected(source.error());
-  std::size_t n_notes = 0;
-  const auto print_notes = [&] {
-    for (; n_notes < source->notes().size(); ++n_notes) progress.note(source->notes()[n_notes]);
-  };
-  print_notes();
-
-  Lattice lattice;
-  const auto table = make_source_levels(*source, options);
-  if (!table) return tl::unexpected(table.error());
-  lattice.level = table->lattice_level;
-  lattice.height_exponent = table->height_exponent;
-
-  BuildReport report;
-  Manifest& m = report.manifest;
-  m.generator = kGenerator;
-  m.attribution = options.attribution;
-  m.mode = mode_name(options.levels.mode);
-  m.lattice = lattice;
-  m.bottom_level = table->bottom_level();
-  m.base_height_m = options.base_height_m;
-  m.falloff_posts = options.falloff_posts;
-  if (options.shard) {
-    m.shard_index = options.shard->index;
-    m.shard_count = options.shard->count;
-  }
-  source->describe(m);
-  const nlohmann::json asked = asked_for(options, source->has_points());
-  if (options.resume && !goes_on) {
-    if (auto done = complete_output(options.output, m, asked)) {
-      progress.note(options.output + ": complete already; nothing to go on with");
-      report.manifest = std::move(*done);
-      report.breakdown.resize(report.manifest.levels.size());
-      return report;
+  Result<BuildReport> run() {
+    const bool goes_on = options_.resume && UnfinishedOutput::exists_for(options_.output);
+    if (auto ok = check_output(options_.output, options_.force || options_.resume); !ok) return stop(ok);
+    if (auto ok = check_lines_out(options_); !ok) return stop(ok);
+    if (auto ok = open_source(); !ok) return stop(ok);
+    if (options_.resume && !goes_on) {
+      if (is_complete()) return std::move(report_);
+      if (auto ok = check_output(options_.output, options_.force); !ok) return stop(ok);
     }
-    if (auto checked = check_output(options.output, options.force); !checked) return tl::unexpected(checked.error());
+    if (auto ok = open_earlier(); !ok) return stop(ok);
+    if (auto ok = open_output(); !ok) return stop(ok);
+    for (const auto step : {&Build::load_posts, &Build::make_lines, &Build::bound_memory, &Build::build}) {
+      if (auto ok = (this->*step)(); !ok) return give_up(ok.error());
+    }
+    if (auto ok = put_in_place(); !ok) return stop(ok);
+    report_.seconds = seconds_since(start_);
+    progress_.update(1, "done");
+    progress_.finish();
+    return std::move(report_);
   }
-  std::optional<EarlierPyramid> earlier;
-  if (!options.earlier.empty()) {
-    auto opened = EarlierPyramid::open(options.earlier);
-    if (!opened) return tl::unexpected(opened.error());
-    earlier.emplace(std::move(*opened));
-  }
 
-  Result<void> sound;  // what is taken over from it
-  std::jthread checker;
-  if (earlier) checker = std::jthread([&] { sound = earlier->check_content(options.earlier); });
+ private:
+  static tl::unexpected<Error> stop(const Result<void>& step) { return tl::unexpected(step.error()); }
 
-  // The output's name is taken before the long work begins, so that an unwritable folder is known at once.
-  auto unfinished = UnfinishedOutput::open(options.output, options.resume, options.force);
-  if (!unfinished) return tl::unexpected(unfinished.error());
-  if (auto checked = unfinished->check_job(job_of(options, *source)); !checked) return tl::unexpected(checked.error());
-  auto writer = TileStoreWriter::go_on(unfinished->path());
-  if (!writer) return tl::unexpected(writer.error());
-  if (writer->has_pieces()) progress.note(options.output + ": going on with the interrupted build");
-
-  std::optional<ResidentLimit> limit;
-  const auto limit_maps = [&](double share) {
-    limit.reset();
-    limit.emplace(static_cast<std::uint64_t>(static_cast<double>(options.memory_bytes) * share));
-  };
-  limit_maps(kMapsWhileReading);
-
-  report.threads =
-      options.threads > 0 ? options.threads : static_cast<int>(std::max(1u, std::thread::hardware_concurrency()));
-  const auto folder = std::filesystem::path(options.output).parent_path();
-  const std::string scratch_dir = folder.empty() ? "." : folder.string();
   // What is stored stays for a later run.
-  const auto give_up = [&](Error error) -> tl::unexpected<Error> {
+  tl::unexpected<Error> give_up(Error error) {
     if (error.kind != ErrorKind::kIo && error.kind != ErrorKind::kInterrupted) return tl::unexpected(std::move(error));
-    if (writer->has_pieces()) {
-      unfinished->keep();
+    if (writer_->has_pieces()) {
+      unfinished_->keep();
       error.message += "; what is done is kept: the same command with --resume goes on from there";
     } else {
       error.message += "; nothing was written";
     }
     return tl::unexpected(std::move(error));
-  };
-  if (auto loaded = source->load(
-          lattice, options.base_height_m, options.falloff_posts, scratch_dir, report.threads,
-          [&](double fraction) { progress.update(kReadShare * fraction, "reading"); }, options.cancel);
-      !loaded) {
-    return give_up(loaded.error());
   }
-  print_notes();
-  report.read_seconds = seconds_since(start);
-  report.counts = source->counts();
 
-  const auto line_start = std::chrono::steady_clock::now();
-  const auto lines = make_surface_lines(
-      source->field(), *table, options.lines, scratch_dir, report.threads, options.cancel,
-      [&](double fraction) { progress.update(kReadShare + kLineShare * fraction, "drainage"); },
-      [&limit] { limit->enforce(); });
-  if (!lines) return give_up(lines.error());
-  for (const std::string& note : lines->notes) progress.note(note);
-  report.drainage = lines->drainage;
-  report.drainage_cells = lines->drainage_cells;
-  report.given = lines->given;
-  ::malloc_trim(0);  // many small blocks were freed
-  report.line_seconds = seconds_since(line_start);
-  const auto memory_bytes = static_cast<double>(options.memory_bytes);
-  if (static_cast<double>(PostArrays::n_bytes(source->field())) > kPostsAsArrays * memory_bytes) {
-    // The calling thread looks at posts, too, and tiles that threads share have as many again.
-    const auto held_bytes = static_cast<std::size_t>(memory_bytes * kPagesOfPosts / (2 * report.threads + 1));
-    if (auto turned = source->turn_into_pages(scratch_dir, held_bytes, report.threads, options.cancel); !turned) {
-      return give_up(turned.error());
+  void print_notes() {
+    for (; n_notes_ < source_->notes().size(); ++n_notes_) progress_.note(source_->notes()[n_notes_]);
+  }
+
+  void limit_maps(double share) {
+    limit_.reset();
+    limit_.emplace(static_cast<std::uint64_t>(static_cast<double>(options_.memory_bytes) * share));
+  }
+
+  // The source, its level table, and what the manifest says of both.
+  Result<void> open_source() {
+    progress_.update(0, "reading");
+    auto source = ElevationSource::open(options_.source);
+    if (!source) return tl::unexpected(source.error());
+    source_.emplace(std::move(*source));
+    print_notes();
+    auto table = make_source_levels(*source_, options_);
+    if (!table) return tl::unexpected(table.error());
+    table_ = std::move(*table);
+    lattice_.level = table_.lattice_level;
+    lattice_.height_exponent = table_.height_exponent;
+    asked_ = asked_for(options_, source_->has_points());
+
+    Manifest& m = report_.manifest;
+    m.generator = kGenerator;
+    m.attribution = options_.attribution;
+    m.mode = mode_name(options_.levels.mode);
+    m.lattice = lattice_;
+    m.bottom_level = table_.bottom_level();
+    m.base_height_m = options_.base_height_m;
+    m.falloff_posts = options_.falloff_posts;
+    if (options_.shard) {
+      m.shard_index = options_.shard->index;
+      m.shard_count = options_.shard->count;
     }
+    source_->describe(m);
+    return {};
   }
-  HeightField field = source->field();
-  field.pinned = lines->pyramid.pinned();
-  source->describe(m);
-  m.lines = lines->counts;
-  m.options_json = options_to_json(asked, options, *lines).dump();
 
-  const double progress_from = options.lines.drainage ? kReadShare + kLineShare : kReadShare;
-  const PyramidInput input{field,          *table,        lines->pyramid, report.threads,
-                           options.cancel, m.shard_index, m.shard_count,  earlier ? &earlier->snapshot : nullptr};
-  limit_maps(kMapsWhileBuilding);
-  if (checker.joinable()) checker.join();
-  if (!sound) return tl::unexpected(sound.error());
-  auto built = build_levels(input, *writer, progress, progress_from);
-  if (built) {
+  // Whether the output is there already as this build would make it; the report says so then.
+  bool is_complete() {
+    auto done = complete_output(options_.output, report_.manifest, asked_);
+    if (!done) return false;
+    progress_.note(options_.output + ": complete already; nothing to go on with");
+    report_.manifest = std::move(*done);
+    report_.breakdown.resize(report_.manifest.levels.size());
+    return true;
+  }
+
+  // Bodies are taken over from it as they are: its content is checked while the source is read.
+  Result<void> open_earlier() {
+    if (options_.earlier.empty()) return {};
+    auto opened = EarlierPyramid::open(options_.earlier);
+    if (!opened) return tl::unexpected(opened.error());
+    earlier_.emplace(std::move(*opened));
+    checker_ = std::jthread([this] { sound_ = earlier_->check_content(options_.earlier); });
+    return {};
+  }
+
+  // The output's name is taken before the long work begins, so that an unwritable folder is known at once.
+  Result<void> open_output() {
+    auto unfinished = UnfinishedOutput::open(options_.output, options_.resume, options_.force);
+    if (!unfinished) return tl::unexpected(unfinished.error());
+    unfinished_.emplace(std::move(*unfinished));
+    if (auto checked = unfinished_->check_job(job_of(options_, *source_)); !checked) return checked;
+    auto writer = TileStoreWriter::go_on(unfinished_->path());
+    if (!writer) return tl::unexpected(writer.error());
+    writer_.emplace(std::move(*writer));
+    if (writer_->has_pieces()) progress_.note(options_.output + ": going on with the interrupted build");
+    report_.threads =
+        options_.threads > 0 ? options_.threads : static_cast<int>(std::max(1u, std::thread::hardware_concurrency()));
+    const auto folder = std::filesystem::path(options_.output).parent_path();
+    scratch_dir_ = folder.empty() ? "." : folder.string();
+    return {};
+  }
+
+  Result<void> load_posts() {
+    limit_maps(kMapsWhileReading);
+    if (auto loaded = source_->load(
+            lattice_, options_.base_height_m, options_.falloff_posts, scratch_dir_, report_.threads,
+            [this](double fraction) { progress_.update(kReadShare * fraction, "reading"); }, options_.cancel);
+        !loaded) {
+      return loaded;
+    }
+    print_notes();
+    report_.read_seconds = seconds_since(start_);
+    report_.counts = source_->counts();
+    return {};
+  }
+
+  Result<void> make_lines() {
+    const auto start = std::chrono::steady_clock::now();
+    auto lines = make_surface_lines(
+        source_->field(), table_, options_.lines, scratch_dir_, report_.threads, options_.cancel,
+        [this](double fraction) { progress_.update(kReadShare + kLineShare * fraction, "drainage"); },
+        [this] { limit_->enforce(); });
+    if (!lines) return tl::unexpected(lines.error());
+    lines_ = std::move(*lines);
+    for (const std::string& note : lines_.notes) progress_.note(note);
+    report_.drainage = lines_.drainage;
+    report_.drainage_cells = lines_.drainage_cells;
+    report_.given = lines_.given;
+    ::malloc_trim(0);  // many small blocks were freed
+    report_.line_seconds = seconds_since(start);
+    return {};
+  }
+
+  // From here on posts are looked at here and there.
+  Result<void> bound_memory() {
+    const auto memory_bytes = static_cast<double>(options_.memory_bytes);
+    if (static_cast<double>(PostArrays::n_bytes(source_->field())) > kPostsAsArrays * memory_bytes) {
+      // The calling thread looks at posts, too, and tiles that threads share have as many again.
+      const auto held_bytes = static_cast<std::size_t>(memory_bytes * kPagesOfPosts / (2 * report_.threads + 1));
+      if (auto turned = source_->turn_into_pages(scratch_dir_, held_bytes, report_.threads, options_.cancel); !turned) {
+        return turned;
+      }
+    }
+    limit_maps(kMapsWhileBuilding);
+    return {};
+  }
+
+  Result<void> build() {
+    if (checker_.joinable()) checker_.join();
+    if (!sound_) return sound_;
+    Manifest& m = report_.manifest;
+    HeightField field = source_->field();
+    field.pinned = lines_.pyramid.pinned();
+    source_->describe(m);
+    m.lines = lines_.counts;
+    m.options_json = options_to_json(asked_, options_, lines_).dump();
+    const double progress_from = options_.lines.drainage ? kReadShare + kLineShare : kReadShare;
+    const PyramidInput input{field,           table_,        lines_.pyramid, report_.threads,
+                             options_.cancel, m.shard_index, m.shard_count,  earlier_ ? &earlier_->snapshot : nullptr};
+    auto built = build_levels(input, *writer_, progress_, progress_from);
+    if (!built) return tl::unexpected(built.error());
     m.levels = std::move(built->levels);
     m.shard_cut_level = built->shard_cut_level;
-    report.breakdown = std::move(built->breakdown);
-    m.content_hash = writer->content_hash();
+    report_.breakdown = std::move(built->breakdown);
+    if (earlier_) report_.changed_tiles = changed_tiles(m, earlier_->manifest, built->changed);
+    m.content_hash = writer_->content_hash();
     const std::string manifest = encode_manifest(m);
-    auto done = writer->finish(pack_value(Bytes(manifest.begin(), manifest.end())));
-    if (!done) built = tl::unexpected(done.error());
+    return writer_->finish(pack_value(Bytes(manifest.begin(), manifest.end())));
   }
-  if (!built) return give_up(built.error());
-  std::error_code code;
-  report.file_bytes = std::filesystem::file_size(unfinished->path(), code);
-  if (earlier) report.changed_tiles = changed_tiles(m, earlier->manifest, built->changed);
-  if (!options.lines.lines_out.empty()) {
-    if (auto written = write_lines(options.lines.lines_out, lines->layers, options.force); !written) {
-      unfinished->keep();
-      return tl::unexpected(written.error());
+
+  Result<void> put_in_place() {
+    std::error_code code;
+    report_.file_bytes = std::filesystem::file_size(unfinished_->path(), code);
+    if (!options_.lines.lines_out.empty()) {
+      if (auto written = write_lines(options_.lines.lines_out, lines_.layers, options_.force); !written) {
+        unfinished_->keep();
+        return written;
+      }
     }
+    if (earlier_ && options_.earlier == options_.output &&
+        encode_manifest(report_.manifest) == encode_manifest(earlier_->manifest)) {
+      progress_.note(options_.output + ": up to date already; left as it is");
+      return {};
+    }
+    auto renamed = unfinished_->put_in_place();
+    if (!renamed) unfinished_->keep();
+    return renamed;
   }
-  if (earlier && options.earlier == options.output && encode_manifest(m) == encode_manifest(earlier->manifest)) {
-    progress.note(options.output + ": up to date already; left as it is");
-  } else if (auto renamed = unfinished->put_in_place(); !renamed) {
-    unfinished->keep();
-    return tl::unexpected(renamed.error());
-  }
-  report.seconds = seconds_since(start);
-  progress.update(1, "done");
-  progress.finish();
-  return report;
+
+  const BuildOptions& options_;
+  Progress& progress_;
+  const std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
+  BuildReport report_;
+  std::optional<ElevationSource> source_;
+  std::size_t n_notes_ = 0;  // of the source's that were printed
+  LevelTable table_;
+  Lattice lattice_;
+  nlohmann::json asked_;
+  std::optional<EarlierPyramid> earlier_;
+  Result<void> sound_;  // what is taken over from it
+  std::jthread checker_;
+  std::optional<UnfinishedOutput> unfinished_;
+  std::optional<TileStoreWriter> writer_;
+  std::string scratch_dir_;
+  std::optional<ResidentLimit> limit_;
+  SurfaceLines lines_;
+};
+
+}  // namespace
+
+Result<BuildReport> build_pyramid(const BuildOptions& options, Progress& progress) {
+  return Build(options, progress).run();
 }
 
 }  // namespace tind
