@@ -1,17 +1,16 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
-#include <algorithm>
 #include <cstdint>
 #include <limits>
 #include <span>
-#include <utility>
 #include <vector>
 
 #include "core/break_line.hpp"
 #include "core/drainage/flow_run.hpp"
 #include "core/lattice.hpp"
 #include "core/pinned_points.hpp"
+#include "core/scratch_array.hpp"
 #include "core/tile_key.hpp"
 
 namespace tind {
@@ -50,29 +49,31 @@ class LinePyramid {
   /// `detail`: index = level. Chains may cross each other or themselves outside their nodes: then both keep more
   /// vertices, and where even that does not part them the lighter one has a gap. Deterministic in the order of
   /// `chains`.
-  LinePyramid(const Lattice& lattice, std::span<const BreakChain> chains, std::span<const LineDetail> detail);
-  /// The same; frees the vertices of each chain as soon as it can. Takes what it keeps (some 50 bytes a vertex) from
-  /// `scratch`, memory that must outlive this object, or from the heap where `scratch` gives none.
-  LinePyramid(const Lattice& lattice, std::span<BreakChain> chains, std::span<const LineDetail> detail,
-              const ScratchAllocator& scratch);
+  LinePyramid(const Lattice& lattice, std::vector<BreakChain> chains, std::span<const LineDetail> detail);
+  /// The same. Frees each chain's vertices when it has read them. Takes what it keeps (some 40 bytes a vertex) from
+  /// `kept`, memory that must outlive this object, and what it needs meanwhile and grows with the vertices (some 15
+  /// bytes each) from `working`, memory of this call; from the heap where they give none or are empty. Its heap holds
+  /// some 50 bytes a chain beside that and 8 for each drawn vertex of a level.
+  LinePyramid(const Lattice& lattice, std::vector<BreakChain> chains, std::span<const LineDetail> detail,
+              const ScratchAllocator& kept, const ScratchAllocator& working);
   LinePyramid(LinePyramid&&) noexcept = default;
   LinePyramid& operator=(LinePyramid&&) noexcept = default;
 
-  bool empty() const { return vertices_.empty(); }
+  bool empty() const { return vertices_.size() == 0; }
   /// All vertices of all chains and their crossings with border lines, ascending by (y, x), x in [0, width): the
   /// heights that vertices at these lattice points get on every level.
-  std::span<const LatticePoint> vertices() const { return vertices_; }
+  std::span<const LatticePoint> vertices() const { return vertices_.values(); }
   /// The same, to be asked for one at a time. Valid as long as this object.
-  PinnedPoints pinned() const { return PinnedPoints(vertices_, vertex_filter_); }
+  PinnedPoints pinned() const { return PinnedPoints(vertices(), vertex_filter_); }
   /// The vertices that lie inside the stretch (start, end) of a border line, ascending in t, of any entry level.
   std::span<const LineCrossing> crossings(bool vertical, std::int64_t at, std::int64_t start, std::int64_t end) const;
   /// The pieces inside a tile, heaviest first.
   std::vector<LineSegment> segments(const TileKey& tile) const;
   /// Number of vertices of the level's lines, and of their pieces inside tiles.
   std::uint64_t n_vertices(int level) const {
-    return empty() ? 0 : levels_[static_cast<std::size_t>(level)].line_vertices.view.size();
+    return empty() ? 0 : levels_[static_cast<std::size_t>(level)].line_vertices.size();
   }
-  std::uint64_t n_segments(int level) const { return levels_[static_cast<std::size_t>(level)].pieces.view.size(); }
+  std::uint64_t n_segments(int level) const { return levels_[static_cast<std::size_t>(level)].pieces.size(); }
   /// Pieces of the level that are not drawn because they cross a heavier line.
   std::uint64_t n_dropped(int level) const { return levels_[static_cast<std::size_t>(level)].n_dropped; }
 
@@ -84,40 +85,20 @@ class LinePyramid {
     std::uint64_t tile = 0;      // Morton code
     std::uint32_t a = 0, b = 0;  // indices of vertices_
   };
-  // Values that were made on the heap and then moved to scratch memory, where there is some.
-  template <class T>
-  struct Settled {
-    std::span<const T> view;
-    std::vector<T> owned;
-
-    void settle(std::vector<T> values, const ScratchAllocator& scratch) {
-      void* const memory = scratch && !values.empty() ? scratch(values.size() * sizeof(T)) : nullptr;
-      if (memory == nullptr) {
-        owned = std::move(values);
-        view = owned;
-        return;
-      }
-      view = {static_cast<const T*>(memory), values.size()};
-      std::copy(values.begin(), values.end(), static_cast<T*>(memory));
-    }
-  };
   struct Level {
-    Settled<Piece> pieces;                 // by tile, heaviest first
-    Settled<std::uint32_t> line_vertices;  // polylines one after another
-    Settled<std::uint64_t> line_first;
-    std::vector<std::size_t> line_chain;
+    ScratchArray<Piece> pieces;                 // by tile, heaviest first
+    ScratchArray<std::uint32_t> line_vertices;  // polylines one after another
+    ScratchArray<std::uint64_t> line_first;
+    ScratchArray<std::uint32_t> line_chain;  // parallel, without the last: the heaviest of the chains, as given
     std::uint64_t n_dropped = 0;
   };
   friend class LinePyramidBuilder;
 
   std::int64_t width_ = 0;
   std::vector<std::int64_t> side_;  // of a tile, per level
-  void allocate_vertices(std::size_t n, const ScratchAllocator& scratch);
-
-  std::span<LatticePoint> vertices_;  // scratch, or owned_vertices_
-  std::vector<LatticePoint> owned_vertices_;
+  ScratchArray<LatticePoint> vertices_;
   std::vector<std::uint64_t> vertex_filter_;
-  Settled<LineCrossing> crossings_;  // by (vertical, at, t)
+  ScratchArray<LineCrossing> crossings_;  // by (vertical, at, t)
   std::vector<Level> levels_;
 };
 

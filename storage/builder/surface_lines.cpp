@@ -74,21 +74,24 @@ void choose_sizes(const HeightField& field, const LevelTable& table, const LineO
   }
 }
 
-// What is known of a chain beside its course.
+// What is known of a chain beside its course, for the output of lines.
 struct Provenance {
   const char* kind = "stream";
   std::optional<int> strahler;
   std::optional<double> area_km2;
+  int first_level = 0;
 };
 
 struct Chains {
   std::vector<BreakChain> chains;
-  std::vector<Provenance> provenance;  // parallel
+  bool have_provenance = false;
+  std::vector<Provenance> provenance;  // parallel, if wanted
   std::vector<ScratchMap> kept;        // where vertices of chains are
 
   void add(BreakChain chain, Provenance of) {
+    of.first_level = chain.first_level;
+    if (have_provenance) provenance.push_back(of);
     chains.push_back(std::move(chain));
-    provenance.push_back(of);
   }
 };
 
@@ -128,6 +131,7 @@ Result<void> add_drainage(const HeightField& field, const LevelTable& table, con
   lines.drainage = drainage->counts;
   lines.counts.streams = drainage->streams.size();
   lines.counts.shores = drainage->shores.size();
+  all.chains.reserve(drainage->streams.size() + drainage->shores.size());
   for (std::size_t k = 0; k < drainage->streams.size(); ++k) {
     all.add(std::move(drainage->streams[k]), {"stream", drainage->strahler[k], drainage->area_km2[k]});
   }
@@ -142,6 +146,7 @@ Result<void> node_all(Chains& all) {
   auto noded = node_lines(lines);
   if (!noded) return tl::unexpected(noded.error());
   Chains cut;
+  cut.have_provenance = all.have_provenance;
   for (NodedPiece& piece : noded->pieces) {
     BreakChain chain{std::move(piece.vertices), std::numeric_limits<int>::max(), -1};
     std::size_t heaviest = 0;
@@ -154,20 +159,20 @@ Result<void> node_all(Chains& all) {
         heaviest = line;
       }
     }
-    cut.add(std::move(chain), all.provenance[heaviest]);
+    cut.add(std::move(chain), all.have_provenance ? all.provenance[heaviest] : Provenance());
   }
   all = std::move(cut);
   return {};
 }
 
 std::vector<OutputLayer> layers_of(const Lattice& lattice, const LevelTable& table, const LinePyramid& pyramid,
-                                   const Chains& all) {
+                                   const std::vector<Provenance>& provenance) {
   std::vector<OutputLayer> layers;
   for (int level = 0; level <= table.bottom_level(); ++level) {
     OutputLayer layer{fmt::format("level_{:02}", level), {}};
     for (const DrawnLine& drawn : pyramid.drawn(level)) {
-      const Provenance& of = all.provenance[drawn.chain];
-      OutputLine line{{}, of.kind, of.strahler, of.area_km2, all.chains[drawn.chain].first_level};
+      const Provenance& of = provenance[drawn.chain];
+      OutputLine line{{}, of.kind, of.strahler, of.area_km2, of.first_level};
       std::int64_t x_before = drawn.vertices.front().x;
       for (const LatticePoint& p : drawn.vertices) {
         // Across longitude 180 the line goes on past it.
@@ -192,6 +197,7 @@ Result<SurfaceLines> make_surface_lines(const HeightField& field, const LevelTab
                                         const std::function<void()>& pause) {
   SurfaceLines lines;
   Chains all;
+  all.have_provenance = !options.lines_out.empty();
   if (options.drainage) {
     choose_sizes(field, table, options, {threads, cancel, {}, pause}, lines);
     if (cancel != nullptr && *cancel) return fail(ErrorKind::kInterrupted, "interrupted");
@@ -215,16 +221,20 @@ Result<SurfaceLines> make_surface_lines(const HeightField& field, const LevelTab
     }
   }
   if (!all.chains.empty()) {
-    const auto allocate = [&](std::size_t n_bytes) -> void* {
-      auto map = ScratchMap::create(scratch_dir, n_bytes);
-      if (!map) return nullptr;  // there is the heap
-      lines.scratch.push_back(std::move(*map));
-      return lines.scratch.back().data();
+    std::vector<ScratchMap> working;
+    const auto in_maps = [&](std::vector<ScratchMap>& maps) {
+      return [&](std::size_t n_bytes) -> void* {
+        auto map = ScratchMap::create(scratch_dir, n_bytes);
+        if (!map) return nullptr;  // there is the heap
+        maps.push_back(std::move(*map));
+        return maps.back().data();
+      };
     };
-    lines.pyramid = LinePyramid(field.lattice, all.chains, details_of(field, table), allocate);
+    lines.pyramid = LinePyramid(field.lattice, std::move(all.chains), details_of(field, table), in_maps(lines.scratch),
+                                in_maps(working));
     lines.counts.vertices = lines.pyramid.n_vertices(table.bottom_level());
   }
-  if (!options.lines_out.empty()) lines.layers = layers_of(field.lattice, table, lines.pyramid, all);
+  if (!options.lines_out.empty()) lines.layers = layers_of(field.lattice, table, lines.pyramid, all.provenance);
   return lines;
 }
 
