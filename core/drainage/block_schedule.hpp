@@ -25,6 +25,8 @@ class BlockSchedule {
     bool first = false;              ///< The block's first visit.
     std::vector<BlockPlace> places;  ///< Handed over since the last visit; may repeat.
 
+    /// Which of the schedule's blocks this is, below n_blocks().
+    std::size_t block() const { return static_cast<std::size_t>(block_); }
     bool contains(std::int64_t row, std::int64_t col) const {
       return row >= row_begin && row < row_end && col >= col_begin && col < col_end;
     }

@@ -192,7 +192,7 @@ class Analysis {
     std::copy(chain.vertices.begin(), chain.vertices.end(), kept.begin());
     free_vertices_ = free_vertices_.subspan(n);
     chain.kept = kept;
-    chain.vertices = {};
+    std::vector<BreakVertex>().swap(chain.vertices);  // an empty list in its place would leave the memory
   }
 
   void add_shores(const std::vector<Lake>& lakes) {

@@ -4,6 +4,7 @@
 #include <atomic>
 #include <bit>
 #include <limits>
+#include <span>
 #include <utility>
 #include <vector>
 
@@ -77,7 +78,11 @@ class LevelQueue {
 /// another.
 class FloodWorker {
  public:
-  FloodWorker(const FlowGrid& grid, float* filled_m) : g_(grid), filled_(filled_m) {
+  using Range = std::pair<float, float>;
+
+  /// `ranges`: one for each block, kept by the caller from its first visit on, shared by all workers.
+  FloodWorker(const FlowGrid& grid, float* filled_m, std::span<Range> ranges)
+      : g_(grid), filled_(filled_m), ranges_(ranges) {
     for (std::size_t k = 0; k < 8; ++k) {
       index_step_[k] = kStepRows[k] * g_.n_cols + kStepCols[k];
       place_step_[k] = static_cast<BlockPlace>(kStepRows[k] * 65536 + kStepCols[k]);
@@ -88,8 +93,9 @@ class FloodWorker {
   std::int64_t flood(BlockSchedule::Visit& visit) {
     visit_ = &visit;
     n_reached_ = 0;
-    const auto [low, high] = range();
-    queue_.start(low, high);
+    Range& range = ranges_[visit.block()];
+    if (visit.first) range = range_of_block();  // later visits need not see the whole block
+    queue_.start(range.first, range.second);
     if (visit.first) seed();
     for (const BlockPlace at : visit.places) push(at);
     LevelQueue::Entry next;
@@ -119,7 +125,7 @@ class FloodWorker {
   void push(BlockPlace at) { queue_.push(at, filled_[index(at)]); }
 
   /// Lowest and highest post of the block.
-  std::pair<float, float> range() const {
+  Range range_of_block() const {
     float low = std::numeric_limits<float>::infinity(), high = -low;
     for (std::int64_t r = visit_->row_begin; r < visit_->row_end; ++r) {
       for (std::int64_t i = r * g_.n_cols + visit_->col_begin; i < r * g_.n_cols + visit_->col_end; ++i) {
@@ -196,6 +202,7 @@ class FloodWorker {
 
   const FlowGrid& g_;
   float* filled_;
+  std::span<Range> ranges_;
   std::array<std::int64_t, 8> index_step_{};
   std::array<BlockPlace, 8> place_step_{};
   BlockSchedule::Visit* visit_ = nullptr;
@@ -219,8 +226,10 @@ void fill_depressions(const FlowGrid& g, std::int64_t block_side, float* filled_
     }
     n_dry += n;
   });
-  std::vector<FloodWorker> workers(static_cast<std::size_t>(std::max(1, run.threads)), FloodWorker(g, filled_m));
   BlockSchedule schedule(g.n_rows, g.n_cols, g.wraps, block_side);
+  std::vector<FloodWorker::Range> ranges(static_cast<std::size_t>(schedule.n_blocks()));
+  std::vector<FloodWorker> workers(static_cast<std::size_t>(std::max(1, run.threads)),
+                                   FloodWorker(g, filled_m, ranges));
   schedule.run(
       run,
       [&](int worker, BlockSchedule::Visit& visit) {

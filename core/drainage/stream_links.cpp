@@ -296,9 +296,9 @@ class LinkFinder {
   }
 
   FlowRun quiet() const { return run_.quiet(); }
-  // In a loop over posts that lie anywhere.
+  // In a loop over posts that lie anywhere: each may bring in some pages of several arrays, with others around them.
   void pause_now_and_then() {
-    if ((++n_steps_ & 1023) == 0) run_.pause();
+    if ((++n_steps_ & 127) == 0) run_.pause();
   }
 
   const FlowGrid& g_;

@@ -12,6 +12,7 @@
 #include <gtest/gtest.h>
 
 #include "tests/core/drainage_world.hpp"
+#include "tests/support/memory_watch.hpp"
 
 namespace tind {
 namespace {
@@ -251,6 +252,27 @@ TEST(DrainageGlobe, StreamsAcrossTheSeamGoOnPastTheWidth) {
     }
     EXPECT_TRUE(crossed) << east;
   }
+}
+
+TEST(DrainageStreams, KeepNoVerticesOnTheHeap) {
+  const std::int64_t n_rows = 1000;
+  const TestField f = equator_field(n_rows, 210, [](auto r, auto c) { return valley(r, c % 21, 10); });
+  test::UncountedMemory scratch, kept;
+  DrainageOptions o = options(20);
+  o.growth = 1;
+  o.kept = [&](std::size_t n_bytes) { return kept.take(n_bytes); };
+  const std::size_t held_before = test::held_bytes();
+  const auto d = derive_drainage(f.field, o, [&](std::size_t n_bytes) { return scratch.take(n_bytes); });
+  const std::size_t held = test::held_bytes() - held_before;
+  ASSERT_TRUE(d) << d.error().message;
+  std::size_t n_vertices = 0;
+  for (const BreakChain& chain : d->streams) {
+    EXPECT_TRUE(chain.vertices.empty());
+    n_vertices += chain.points().size();
+  }
+  ASSERT_GE(n_vertices, 9 * static_cast<std::size_t>(n_rows));
+  EXPECT_GE(kept.n_bytes(), n_vertices * sizeof(BreakVertex));
+  EXPECT_LT(held, 4000 + 300 * d->streams.size());  // vertices have 24 bytes each
 }
 
 TEST(DrainageOfRoughTerrain, KeepsItsPromises) {

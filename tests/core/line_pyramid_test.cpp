@@ -352,6 +352,35 @@ TEST(LinePyramid, FindsCrossingsOfLongLinesInLittleMemory) {
   }
 }
 
+TEST(LinePyramid, HoldsLittleOnTheHeapBesideItsScratch) {
+  std::vector<BreakVertex> vertices;
+  std::vector<std::pair<std::size_t, std::size_t>> stretches;
+  for (int k = 0; k < 1000; ++k) {
+    const BreakChain chain = wander(static_cast<std::uint64_t>(k), 30'000'000 + 200'000 * (k % 50),
+                                    14'000'000 + 100'000 * (k / 50), 150, 1100, 0.7 * k);
+    stretches.emplace_back(vertices.size(), chain.vertices.size());
+    vertices.insert(vertices.end(), chain.vertices.begin(), chain.vertices.end());
+  }
+  std::vector<BreakChain> chains;
+  for (const auto& [first, n] : stretches) {
+    chains.push_back({{}, 0, 1, true, std::span<const BreakVertex>(vertices).subspan(first, n)});
+  }
+  const std::vector<LineDetail> fine(kBottom + 1, {100, 10});
+  UncountedMemory kept, working;
+  reset_most_held_bytes();
+  const std::size_t held_before = held_bytes();
+  const LinePyramid lines(
+      test_lattice(), chains, fine, [&](std::size_t n) { return kept.take(n); },
+      [&](std::size_t n) { return working.take(n); });
+  const std::size_t n = lines.vertices().size();
+  ASSERT_GT(n, vertices.size() * 9 / 10);
+  ASSERT_GT(lines.n_segments(kBottom), n / 3);
+  // Segments with their bands and tiles, a bit for each vertex, and what is independent of their number.
+  EXPECT_LT(most_held_bytes() - held_before, 24 * lines.n_segments(kBottom) + (1u << 20));
+  EXPECT_LT(held_bytes() - held_before, 2 * n + (1u << 20));  // the filter of vertices
+  EXPECT_LT(working.n_bytes(), 10 * n);
+}
+
 TEST(LinePyramid, TakesTimeByTheLengthOfItsSegmentsNotByTheDetail) {
   // Many short lines, no detail to speak of: pairs of all with all would take minutes.
   std::vector<BreakChain> chains;
