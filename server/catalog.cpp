@@ -258,6 +258,13 @@ bool Catalog::read_ahead() {
   return false;
 }
 
+void Catalog::look_at_wanted() {
+  for (const auto& [name, slot] : slots_) {
+    if (slot->take_wanted()) slot->look_at_pages();
+  }
+  holder_->touch();
+}
+
 void Catalog::close_excess() {
   if (limit_->n_open <= limit_->max_open) return;
   std::vector<DatasetSlot*> open;

@@ -45,6 +45,8 @@ class Catalog {
   /// Reads one file that nobody asked for yet, so that lists can say more about it and a broken one is told of; after
   /// all those looks at the pages of one. False: there is none left.
   bool read_ahead();
+  /// Looks at the pages of the files that somebody waits for (OpenLimit::on_wanted), and tells those who wait.
+  void look_at_wanted();
   /// Closes those of the open files that were not asked for longest, until no more than the limit are open.
   void close_excess();
 

@@ -396,6 +396,11 @@ void Handler::answer(Context& context) {
     if (!served) {  // told of when it was tried first
       return problem_response(out, kInternalError, "this dataset cannot be opened", context.request.target, kNever);
     }
+    if (!*served && context.worker.is_awaited()) {
+      out.reset();
+      out.is_later = true;
+      return;
+    }
     if (!*served) return context.not_found("no such dataset");
     context.asked = *served;
     use(**served);

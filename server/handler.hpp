@@ -22,7 +22,7 @@ class RequestHandler {
   virtual ~RequestHandler() = default;
 
   /// Makes `out`, whatever it was before, the answer to `request` by the site of `worker`, which the calling thread
-  /// owns. The body is valid until that state's next batch.
+  /// owns. The body is valid until that state's next batch. `out.is_later`: there is no answer yet.
   virtual void handle(const Request& request, WorkerState& worker, Response& out) = 0;
   /// Makes `out` the answer to what is no request: `status` and why.
   virtual void refuse(int status, std::string_view why, Response& out) = 0;

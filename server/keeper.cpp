@@ -51,6 +51,10 @@ Keeper::Keeper(Catalog& catalog, Settings settings, Hooks hooks)
     excess_ = true;
     wake();
   };
+  catalog_.limit()->on_wanted = [this] {
+    look_wanted_ = true;
+    wake();
+  };
   if (settings_.watch == "auto") {
     folders_ = FolderWatch::make();
     if (!folders_) log_warning("inotify cannot be had: files are looked at now and then only");
@@ -67,6 +71,7 @@ Keeper::~Keeper() {
   wake();
   thread_.join();
   catalog_.limit()->on_excess = nullptr;
+  catalog_.limit()->on_wanted = nullptr;
   ::close(wake_fd_);
 }
 
@@ -135,6 +140,7 @@ void Keeper::work() {
       const ReloadReport report = do_reload();
       for (const auto& promise : waiting) promise->set_value(report);
     }
+    if (look_wanted_.exchange(false)) catalog_.look_at_wanted();
     if (excess_.exchange(false)) catalog_.close_excess();
     auto now = Clock::now();
     if (folders_ && folders_->drain()) {

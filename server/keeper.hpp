@@ -79,7 +79,7 @@ class Keeper {
   int wake_fd_;
   std::optional<Clock::time_point> look_at_;  // something happened
   Clock::time_point first_event_, poll_at_, notify_at_;
-  std::atomic<bool> stopping_ = false, excess_ = false, reload_wanted_ = false;
+  std::atomic<bool> stopping_ = false, excess_ = false, look_wanted_ = false, reload_wanted_ = false;
   std::mutex mutex_;
   std::vector<std::shared_ptr<std::promise<ReloadReport>>> waiting_;
   std::function<bool()> is_alive_;

@@ -46,13 +46,15 @@ class Response {
   int status = 200;
   std::string fields;                           ///< Header lines, each ended by CRLF.
   std::optional<std::uint64_t> content_length;  ///< What GET sends; absent for 204 and 304.
-  RouteKind route = RouteKind::kNone;           ///< For counting; so is the coding.
+  bool is_later = false;               ///< No answer yet: the request is to be asked again (WorkerState::is_awaited).
+  RouteKind route = RouteKind::kNone;  ///< For counting; so is the coding.
   Coding coding = Coding::kIdentity;
   std::string lead;  ///< The first bytes of the body: for what exists nowhere else.
 
   /// As new.
   void reset() {
     status = 200;
+    is_later = false;
     route = RouteKind::kNone;
     coding = Coding::kIdentity;
     fields.clear();

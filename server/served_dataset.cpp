@@ -99,6 +99,18 @@ Result<std::shared_ptr<const ServedDataset>> DatasetSlot::open() {
   return served_;
 }
 
+bool DatasetSlot::awaits_look() {
+  if (!limit_->on_wanted) return false;
+  if (base_ && base_->awaits_look()) return true;
+  {
+    const std::lock_guard lock(mutex_);
+    if (is_looked_at_ || error_) return false;
+  }
+  is_wanted_ = true;
+  limit_->on_wanted();
+  return true;
+}
+
 std::shared_ptr<const ServedDataset> DatasetSlot::if_open() const {
   const std::lock_guard lock(mutex_);
   return served_;

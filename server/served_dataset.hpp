@@ -51,10 +51,12 @@ struct DatasetSummary {
 };
 DatasetSummary summarize(const Dataset& dataset);
 
-/// How many files are open, and whom to tell when it is too many. Shared by the slots of all sites.
+/// How many files are open, and whom to tell when it is too many or one is wanted. Shared by the slots of all sites.
+/// The functions are thread safe and do not wait.
 struct OpenLimit {
   int max_open = 0;
-  std::function<void()> on_excess;  ///< Thread safe, does not wait.
+  std::function<void()> on_excess;
+  std::function<void()> on_wanted;  ///< Has somebody look at the pages of slots that are wanted. None: who asks, looks.
   std::atomic<int> n_open = 0;
 };
 
@@ -74,6 +76,11 @@ class DatasetSlot {
   /// Opens the file and its base, unless they are open: takes a millisecond or so, and some 0.1 ms a megabyte when the
   /// file was not looked at before. A file that failed is not tried again: when it changes, it gets another slot.
   Result<std::shared_ptr<const ServedDataset>> open();
+  /// True: open() would take long, because nobody looked at the file's pages yet or at its base's, and now somebody
+  /// was told to. False: open() is quick, or there is nobody.
+  bool awaits_look();
+  /// Whether it was, since this was asked last.
+  bool take_wanted() { return is_wanted_.exchange(false); }
   /// nullptr while it is closed.
   std::shared_ptr<const ServedDataset> if_open() const;
   /// Forgets the open file; those who hold it keep it.
@@ -112,6 +119,7 @@ class DatasetSlot {
   std::shared_ptr<const ServedDataset> served_;
   std::optional<DatasetSummary> summary_;
   bool is_looked_at_ = false;  // its pages, and they are sound
+  std::atomic<bool> is_wanted_ = false;
   std::optional<Error> error_;
 };
 

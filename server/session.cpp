@@ -44,12 +44,13 @@ void Session::on_events(std::uint32_t events) {
   if ((events & (EPOLLRDHUP | EPOLLHUP)) != 0) peer_done_ = true;
   if (state_ == State::kSending) {
     if ((events & (EPOLLOUT | EPOLLERR | EPOLLHUP)) != 0) send_rest();
-  } else if (readable_) {
+  } else if (readable_ && !parked_) {
     work();
   }
 }
 
 void Session::resume() {
+  parked_ = false;
   if (state_ == State::kIdle || state_ == State::kReceiving) work();
 }
 
@@ -63,7 +64,7 @@ void Session::work() {
   std::string_view bytes(worker_.input().data(), n_bytes);
   while (batch.has_room() && !close_after_write_ && answer_next(bytes)) {
   }
-  has_more_ = !batch.has_room() && !close_after_write_ && !bytes.empty();
+  has_more_ = parked_ || (!batch.has_room() && !close_after_write_ && !bytes.empty());
   const bool answered = !batch.empty();
   if (bytes.empty() || close_after_write_) {
     if (buffer_.capacity() > 0) buffer_ = {};
@@ -73,6 +74,7 @@ void Session::work() {
     if (answered || state_ != State::kReceiving) wait(State::kReceiving, worker_.settings().request_timeout_s);
   }
   if (answered) return flush();
+  if (parked_) return;
   if (at_end_) return close();
   if (body_bytes_to_skip_ > 0 && state_ != State::kReceiving) {
     wait(State::kReceiving, worker_.settings().request_timeout_s);
@@ -99,7 +101,7 @@ bool Session::receive(std::size_t& n_bytes) {
   return !at_end_ || n_bytes > 0;
 }
 
-// Takes one request from the front of `bytes`. False: not all of it is there.
+// Takes one request from the front of `bytes`. False: not all of it is there, or the session was parked.
 bool Session::answer_next(std::string_view& bytes) {
   const auto skipped = static_cast<std::size_t>(std::min<std::uint64_t>(body_bytes_to_skip_, bytes.size()));
   bytes.remove_prefix(skipped);
@@ -123,7 +125,7 @@ bool Session::answer_next(std::string_view& bytes) {
     refuse(400, "this is not HTTP");
     return true;
   }
-  const std::string_view block = bytes.substr(0, blank + 4);
+  const std::string_view unread = bytes, block = bytes.substr(0, blank + 4);
   bytes.remove_prefix(block.size());
   const auto parsed = parse_request(block, worker_.field_scratch());
   if (const int* status = std::get_if<int>(&parsed)) {
@@ -131,6 +133,13 @@ bool Session::answer_next(std::string_view& bytes) {
     return true;
   }
   const ParsedRequest& request = std::get<ParsedRequest>(parsed);
+  worker_.handler().handle(request.request, worker_.state(), worker_.response());
+  if (worker_.response().is_later) {
+    bytes = unread;
+    parked_ = true;
+    worker_.park(*this);
+    return false;
+  }
   // No route wants a body. A small one is read past, else the connection ends with the answer.
   const bool skippable = !request.chunked && !request.expects_continue && request.content_length <= kMaxSkippedBody;
   if (!request.keep_alive || worker_.draining() || (!skippable && (request.chunked || request.content_length > 0))) {
@@ -139,7 +148,6 @@ bool Session::answer_next(std::string_view& bytes) {
   const auto most = static_cast<std::uint32_t>(worker_.settings().max_requests_per_connection);
   if (++n_requests_ == most) close_after_write_ = true;
   body_bytes_to_skip_ = skippable ? request.content_length : 0;
-  worker_.handler().handle(request.request, worker_.state(), worker_.response());
   const std::size_t n_before = worker_.batch().n_bytes();
   worker_.batch().add(worker_.response(), worker_.common_fields(), !close_after_write_);
   worker_.note_answer(&request.request, fd_, worker_.batch().n_bytes() - n_before);
@@ -198,6 +206,7 @@ void Session::after_write() {
   } else if (state_ != State::kReceiving) {
     wait(State::kReceiving, worker_.settings().request_timeout_s);
   }
+  if (parked_) return;
   // Other connections first: this one must not keep the thread.
   if (has_more_ || readable_) return worker_.later(*this);
   if (at_end_) close();
@@ -253,6 +262,7 @@ void Session::on_timer(Tick now) {
   const Settings& settings = worker_.settings();
   switch (state_) {
     case State::kReceiving:
+      if (parked_) return wait(State::kReceiving, settings.request_timeout_s);  // the daemon is late, not the client
       worker_.connections().count(ConnectionEvent::kRequestTimeout);
       buffer_ = {};
       refuse(408, "the request took too long");

@@ -69,6 +69,7 @@ class Session final : public EventTarget, public TimerEntry {
   bool peer_done_ = false;  // the client sends no more; still to be read to the end
   bool at_end_ = false;     // ... and it was
   bool has_more_ = false;   // complete requests were left for later
+  bool parked_ = false;     // ... until the worker resumes it
   bool close_after_write_ = false;
   std::uint32_t n_requests_ = 0;
   Worker& worker_;

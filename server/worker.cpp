@@ -26,6 +26,7 @@ using Clock = std::chrono::steady_clock;
 constexpr std::size_t kInputBytes = 65536;  // beyond a whole header
 constexpr int kEventsAtOnce = 256;
 constexpr int kAcceptsAtOnce = 64;  // then connections have their turn
+constexpr int kParkedLook_ms = 2;   // seldom, and not for long: nobody needs to wake this thread
 
 // Out of memory or descriptors while the daemon starts: nothing can be done without.
 int checked(int fd) {
@@ -129,7 +130,8 @@ void Worker::run() {
   std::array<epoll_event, kEventsAtOnce> events;
   while (!ended_) {
     const auto until_tick = std::chrono::duration_cast<std::chrono::milliseconds>(next_tick_ - Clock::now());
-    const int timeout_ms = later_.empty() ? static_cast<int>(std::max<std::int64_t>(until_tick.count() + 1, 0)) : 0;
+    auto timeout_ms = later_.empty() ? static_cast<int>(std::max<std::int64_t>(until_tick.count() + 1, 0)) : 0;
+    if (!parked_.empty()) timeout_ms = std::min(timeout_ms, kParkedLook_ms);
     const int n = ::epoll_wait(epoll_, events.data(), kEventsAtOnce, timeout_ms);
     mark_ = Clock::now();
     for (int k = 0; k < n; ++k) {
@@ -139,6 +141,10 @@ void Worker::run() {
     }
     if (Clock::now() >= next_tick_) tick();
     resumed_.swap(later_);
+    if (!parked_.empty() && state_.newest_version() != parked_at_) {
+      resumed_.insert(resumed_.end(), parked_.begin(), parked_.end());
+      parked_.clear();
+    }
     for (Session* session : resumed_) session->resume();
     resumed_.clear();
     retired_.clear();
@@ -186,7 +192,13 @@ void Worker::admit(int fd, const SocketAddress& peer) {
   watch(fd, EPOLLIN | EPOLLOUT | EPOLLRDHUP | EPOLLET, *sessions_.back());
 }
 
+void Worker::park(Session& session) {
+  if (parked_.empty()) parked_at_ = state_.version();
+  parked_.push_back(&session);
+}
+
 void Worker::retire(Session& session) {
+  std::erase(parked_, &session);
   std::unique_ptr<Session>& place = sessions_[session.index];
   retired_.push_back(std::move(place));
   if (session.index + 1 < sessions_.size()) {

@@ -75,6 +75,8 @@ class Worker {
   const std::string& common_fields() const { return common_fields_; }
   /// Calls session.resume() when others have had their turn.
   void later(Session& session) { later_.push_back(&session); }
+  /// Calls it when the site has changed, or a slot of it, since the batch began.
+  void park(Session& session);
   /// Frees a session that has closed, soon.
   void retire(Session& session);
 
@@ -108,8 +110,9 @@ class Worker {
   TimerWheel timers_{0};
   std::vector<std::unique_ptr<Session>> sessions_;
   std::vector<std::unique_ptr<Session>> retired_;  // until no event of this round can name them
-  std::vector<Session*> later_, resumed_;
-  bool accepting_ = true;  // false for a while after accept() failed
+  std::vector<Session*> later_, resumed_, parked_;
+  std::uint64_t parked_at_ = 0;  // the version that the first of them has seen
+  bool accepting_ = true;        // false for a while after accept() failed
   bool draining_ = false;
   std::atomic<bool> ended_ = false;
   Tick drain_deadline_ = 0;

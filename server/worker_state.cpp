@@ -41,7 +41,8 @@ Result<const ServedDataset*> WorkerState::dataset(std::string_view name) {
   auto found = named_.find(name);
   if (found == named_.end()) {
     DatasetSlot* slot = site_->find(name);
-    if (!slot) return nullptr;
+    is_awaited_ = slot && slot->awaits_look();
+    if (!slot || is_awaited_) return nullptr;
     auto served = slot->open();
     if (!served) return tl::unexpected(served.error());
     found = named_.emplace(slot->source().name, NamedDataset{slot, std::move(*served)}).first;

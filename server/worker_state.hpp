@@ -48,9 +48,15 @@ class WorkerState {
   /// Hands the requests counted by dataset() over to the slots; now and then.
   void hand_over_counts();
   std::size_t n_open_transactions() const { return open_.size(); }
-  /// The dataset of that name, opened when it is not yet; nullptr: the site has none. Fails as its file does. The
-  /// pointer is good until the next begin_batch().
+  /// The dataset of that name, opened when it is not yet; nullptr: the site has none, or is_awaited(). Fails as its
+  /// file does. The pointer is good until the next begin_batch().
   Result<const ServedDataset*> dataset(std::string_view name);
+  /// Whether the last dataset() was nullptr because somebody looks at the file's pages first: to be asked for again in
+  /// a batch of a later version.
+  bool is_awaited() const { return is_awaited_; }
+  /// SiteHolder::version() of the batch.
+  std::uint64_t version() const { return version_; }
+  std::uint64_t newest_version() const { return holder_.version(); }
   /// The thread's transaction on a dataset that dataset() gave, or on a base of it. Good until the next begin_batch().
   Result<const TileStore::Snapshot*> snapshot(const std::shared_ptr<const Dataset>& dataset);
   /// A tile of such a dataset. nullptr: not stored. kCorrupt: a piece is missing. The pointer is good until the
@@ -87,6 +93,7 @@ class WorkerState {
   std::uint64_t version_ = 0;
   std::shared_ptr<const Site> site_;
   std::int64_t now_s_ = 0;
+  bool is_awaited_ = false;
   std::unordered_map<std::string_view, NamedDataset> named_;  // names are the slots'
   std::unordered_map<const Dataset*, OpenDataset> open_;
   std::array<std::unique_ptr<std::array<TileSet, kSetsPerChunk>>, kChunks> table_;  // by hash of dataset and key

@@ -4,7 +4,10 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <atomic>
 #include <chrono>
+#include <fstream>
+#include <functional>
 #include <thread>
 
 #include "raw_client.hpp"
@@ -23,13 +26,15 @@ constexpr std::uint32_t kLargeTiles = 5000;  // vertices a side: more than a soc
 
 class SessionTest : public testing::Test {
  protected:
-  void start(Settings settings = {}, std::uint32_t n_side = 60) {
+  // `on_wanted`: the file is found in its folder, and this is told when somebody should look at its pages.
+  void start(Settings settings = {}, std::uint32_t n_side = 60, const std::function<void()>& on_wanted = {}) {
     test::write_pyramid(directory_.path + "/world.tind", n_side);
     settings_ = settings;
-    settings_.datasets = {directory_.path + "/world.tind"};
+    settings_.datasets = {on_wanted ? directory_.path : directory_.path + "/world.tind"};
     auto catalog = Catalog::open(settings_);
     ASSERT_TRUE(catalog.has_value()) << catalog.error().message;
     catalog_ = std::move(*catalog);
+    catalog_->limit()->on_wanted = on_wanted;
     handler_ = std::make_unique<Handler>(settings_);
     connections_ = std::make_unique<ConnectionTable>(settings_.max_connections, settings_.max_connections_per_address);
     worker_ = std::make_unique<Worker>(settings_, *handler_, catalog_->holder(), *connections_);
@@ -269,6 +274,49 @@ TEST_F(SessionTest, DrainAnswersWhatIsUnderWayAndThenEnds) {
   half.closes_within(1000);
   thread_.join();
   EXPECT_LT(std::chrono::steady_clock::now() - begin, std::chrono::seconds(4));
+}
+
+// The look at a file's pages takes long and is somebody else's: what needs it waits, longer than a slow client may.
+TEST_F(SessionTest, ARequestForAFileThatIsLookedAtWaitsAndHoldsUpNobody) {
+  std::ofstream(directory_.path + "/broken.tind") << "no store";
+  Settings settings;
+  settings.request_timeout_s = 1;
+  std::atomic<int> n_wanted = 0;
+  start(settings, 60, [&] { ++n_wanted; });
+  const std::string health = "GET /health HTTP/1.1\r\nHost: h\r\n\r\n",
+                    tile = "GET /world/1/0/0.parts HTTP/1.1\r\nHost: h\r\n\r\n";
+  RawClient half_closed(port_), other(port_), of_broken(port_);
+  half_closed.send(health + tile + health);
+  half_closed.finish_sending();
+  EXPECT_EQ(half_closed.receive().body, "ok\n");
+  other.send(tile);
+  of_broken.send("GET /broken/meta.json HTTP/1.1\r\nHost: h\r\nConnection: close\r\n\r\n");
+  RawClient(port_).send(tile);  // gone before its answer
+  for (int k = 0; k < 200 && n_wanted < 4; ++k) std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  constexpr int kMore = 30;
+  std::vector<std::unique_ptr<RawClient>> more;  // of some the end comes together with the request
+  for (int k = 0; k < kMore; ++k) {
+    more.push_back(std::make_unique<RawClient>(port_));
+    more.back()->send(tile);
+    more.back()->finish_sending();
+  }
+  other.send(tile + health);
+  std::this_thread::sleep_for(std::chrono::milliseconds(2500));  // a slow client would have been cut
+  EXPECT_TRUE(alive());
+  EXPECT_EQ(n_wanted, kMore + 4) << "once each";
+  for (const auto& slot : catalog_->holder().current()->slots) EXPECT_EQ(slot->if_open(), nullptr);
+
+  catalog_->look_at_wanted();
+  for (RawClient* client : {&half_closed, &other, &other}) {
+    const RawAnswer answer = client->receive();
+    EXPECT_EQ(answer.status, 200);
+    EXPECT_EQ(answer.body.substr(0, 4), "TVP1");
+  }
+  for (RawClient* client : {&half_closed, &other}) EXPECT_EQ(client->receive().body, "ok\n");
+  EXPECT_TRUE(half_closed.closes_within(2000));
+  for (const auto& client : more) EXPECT_EQ(client->receive().status, 200);
+  EXPECT_EQ(of_broken.receive().status, 500);
+  EXPECT_TRUE(of_broken.closes_within(3000));
 }
 
 TEST_F(SessionTest, DrainIsBoundedInTime) {
