@@ -231,6 +231,57 @@ TEST_F(RepresentationTest, LinksAreAbsoluteWhereSomebodySaysWhereWeAre) {
   EXPECT_EQ(field(get("/world/layer.json"), "Vary"), "Accept-Encoding");
 }
 
+// docs/http.md, "Answers": which fields which status has.
+TEST_F(RepresentationTest, FieldsAreThoseOfTheTable) {
+  const std::string tile = "/world/1/2/1.terrain", version = catalog_->holder().current()->slots[0]->summary()->version;
+  const std::string forever = "public, max-age=31536000, immutable", shortly = "public, max-age=60", never = "no-store";
+  const std::string both = "Accept, Accept-Encoding", coding = "Accept-Encoding";
+  struct Row {
+    std::string target;
+    Fields fields;
+    int status;
+    std::string cache_control, vary, ranges;
+    bool has_tag, has_date;
+    std::string method = "GET";
+  };
+  const std::vector<Row> rows = {
+      {tile + "?v=" + version, {}, 200, forever, both, "bytes", true, true},
+      {tile + "?v=" + version, {}, 200, forever, both, "bytes", true, true, "HEAD"},
+      {tile, {{kAcceptEncoding, "gzip"}}, 200, shortly, both, "", true, true},
+      {tile + "?v=" + version, {{kRange, "bytes=1-5"}}, 206, forever, both, "bytes", true, true},
+      {tile + "?v=" + version, {{kIfNoneMatch, "*"}}, 304, forever, both, "", true, true},
+      {tile, {{kIfMatch, "\"x\""}}, 412, "", "", "", false, false},
+      {tile, {{kRange, "bytes=99999999-"}}, 416, "", "", "", false, false},
+      {"/world/1/2/1.parts", {{kRange, "bytes=1-5"}}, 206, shortly, "", "bytes", true, true},
+      {"/world/body/1/2/1?v=" + version, {}, 200, forever, coding, "bytes", true, true},
+      {"/world/body/1/2/1", {{kAcceptEncoding, "zstd"}}, 200, shortly, coding, "", true, true},
+      {"/world/codes/1/2/1", {}, 200, shortly, coding, "bytes", true, true},
+      {"/world/layer.json", {}, 200, shortly, coding, "bytes", true, false},
+      {"/health", {}, 200, never, "", "", false, false},
+      {"/ready", {}, 200, never, "", "", false, false},
+      {"/world", {}, 308, "", "", "", false, false},
+      {"/world/9/0/0.vn", {}, 404, shortly, "", "", false, false},
+      {"/%", {}, 400, "", "", "", false, false},
+      {"/", {}, 405, "", "", "", false, false, "POST"},
+      {"/", {}, 501, "", "", "", false, false, "FETCH"},
+      {"/", {}, 204, "", "", "", false, false, "OPTIONS"},
+  };
+  for (const Row& row : rows) {
+    SCOPED_TRACE(row.method + " " + row.target + " " + std::to_string(row.status));
+    const Response response = get(row.target, row.fields, row.method);
+    EXPECT_EQ(response.status, row.status);
+    EXPECT_EQ(field(response, "Cache-Control"), row.cache_control);
+    EXPECT_EQ(field(response, "Vary"), row.vary);
+    EXPECT_EQ(field(response, "Accept-Ranges"), row.ranges);
+    EXPECT_EQ(field(response, "ETag") != "", row.has_tag);
+    EXPECT_EQ(field(response, "Access-Control-Expose-Headers") != "", row.has_tag);
+    EXPECT_EQ(field(response, "Last-Modified") != "", row.has_date);
+    EXPECT_EQ(field(response, "X-Content-Type-Options") == "nosniff", row.status != 204 && row.status != 304);
+    EXPECT_EQ(field(response, "Access-Control-Allow-Origin"), "*");
+    EXPECT_EQ(response.content_length.has_value(), row.status != 204 && row.status != 304);
+  }
+}
+
 TEST_F(RepresentationTest, OriginsMayBeAFewOrNone) {
   Settings settings;
   settings.cors_origins = "https://a.example, https://b.example:8443";
