@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <span>
 #include <string_view>
 #include <utility>
 #include <vector>
@@ -132,6 +133,36 @@ void add_grid(Digest& digest, const HeightField& field, const TileKey& key) {
   if (at_north) digest.add_value(field.north_pole_m);
 }
 
+// Lattice points with a height of their own, ascending by (y, x). A coarse tile has nearly all of them: they are not
+// collected.
+void add_pinned(Digest& digest, std::span<const LatticePoint> all, std::int64_t west, std::int64_t south,
+                std::int64_t side) {
+  const auto from = [&all](auto first, std::int64_t y, std::int64_t x) {
+    return std::lower_bound(first, all.end(), std::pair{y, x}, [](const LatticePoint& p, const auto& yx) {
+      return std::pair{p.y, p.x} < yx;
+    });
+  };
+  std::vector<std::span<const LatticePoint>> rows;
+  std::uint64_t n = 0;
+  for (auto at = from(all.begin(), south, west); at != all.end() && at->y <= south + side;) {
+    if (at->x < west || at->x > west + side) {  // on to the next row that can meet the tile
+      at = from(at, at->x < west ? at->y : at->y + 1, west);
+      continue;
+    }
+    const auto first = at;
+    while (at != all.end() && at->y == first->y && at->x <= west + side) ++at;
+    rows.emplace_back(first, at);
+    n += rows.back().size();
+  }
+  digest.add_value(3 * n);
+  std::vector<std::int64_t> numbers;
+  for (const std::span<const LatticePoint> row : rows) {
+    numbers.clear();
+    for (const LatticePoint& p : row) numbers.insert(numbers.end(), {p.x - west, p.y - south, std::int64_t{p.z}});
+    digest.add(numbers.data(), numbers.size() * sizeof(std::int64_t));
+  }
+}
+
 // Irregular posts, and lattice points with a height of their own.
 void add_points(Digest& digest, const HeightField& field, const TileKey& key) {
   const std::int64_t side = field.lattice.tile_side(key.level);
@@ -145,23 +176,7 @@ void add_points(Digest& digest, const HeightField& field, const TileKey& key) {
     });
   }
   add_all(digest, posts);
-  const std::span<const LatticePoint> all = field.pinned.points();
-  std::vector<std::int64_t> pinned;
-  auto at = std::lower_bound(all.begin(), all.end(), std::pair{south, west}, [](const LatticePoint& p, const auto& yx) {
-    return std::pair{p.y, p.x} < yx;
-  });
-  while (at != all.end() && at->y <= south + side) {
-    if (at->x < west || at->x > west + side) {  // on to the next row that can meet the tile
-      const std::pair next = at->x < west ? std::pair{at->y, west} : std::pair{at->y + 1, west};
-      at = std::lower_bound(at, all.end(), next, [](const LatticePoint& p, const auto& yx) {
-        return std::pair{p.y, p.x} < yx;
-      });
-      continue;
-    }
-    pinned.insert(pinned.end(), {at->x - west, at->y - south, std::int64_t{at->z}});
-    ++at;
-  }
-  add_all(digest, pinned);
+  add_pinned(digest, field.pinned.points(), west, south, side);
 }
 
 }  // namespace

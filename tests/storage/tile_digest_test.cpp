@@ -5,6 +5,7 @@
 
 #include <vector>
 
+#include "tests/support/memory_watch.hpp"
 #include "tests/support/test_field.hpp"
 
 namespace tind::test {
@@ -106,6 +107,59 @@ TEST(PostDigests, SeeAGridAcrossLongitude180FromBothSides) {
   const auto keys = differing(before, digests_of(f), kFinest);
   ASSERT_EQ(keys.size(), 1u);
   EXPECT_EQ(keys[0].x, 0u);
+}
+
+// 200 x 300 points of a height of their own, ascending by (y, x), all over tile (21, 31) and beyond.
+std::vector<LatticePoint> pinned_points() {
+  std::vector<LatticePoint> points;
+  for (std::int64_t r = 0; r < 200; ++r) {
+    for (std::int64_t c = 0; c < 300; ++c) {
+      points.push_back({20 * 65536 + 700 * c, 30 * 65536 + 700 * r, static_cast<std::int32_t>(r + c)});
+    }
+  }
+  return points;
+}
+
+TEST(TileDigest, SeesThePinnedPointsOfTheTileAndNoOthers) {
+  TestField f = field_of();
+  const PostDigests posts = digests_of(f);
+  std::vector<LatticePoint> points = pinned_points();
+  TileTask task;
+  task.key = {kFinest, 21, 31};
+  const auto digest = [&] {
+    f.field.pinned = PinnedPoints(points);
+    return tile_digest(f.field, posts, task, {}, 0);
+  };
+  const auto before = digest();
+  std::size_t n_inside = 0;
+  for (std::size_t k = 0; k < points.size(); k += 7) {
+    LatticePoint& p = points[k];
+    const bool inside = p.x >= 21 * 65536 && p.x <= 22 * 65536 && p.y >= 31 * 65536 && p.y <= 32 * 65536;
+    ++p.z;
+    EXPECT_EQ(digest() != before, inside) << p.x << ' ' << p.y;
+    --p.z;
+    n_inside += inside ? 1 : 0;
+  }
+  EXPECT_GT(n_inside, 1000u);
+  EXPECT_EQ(digest(), before);
+  points.pop_back();
+  EXPECT_EQ(digest(), before);
+  std::erase_if(points, [](const LatticePoint& p) { return p.x == 21 * 65536 + 264 && p.y == 31 * 65536 + 264; });
+  EXPECT_EQ(points.size(), 59'998u);
+  EXPECT_NE(digest(), before);
+}
+
+TEST(TileDigest, CopiesNoMoreThanARowOfPinnedPoints) {
+  TestField f = field_of();
+  const PostDigests posts = digests_of(f);
+  const std::vector<LatticePoint> points = pinned_points();
+  f.field.pinned = PinnedPoints(points);
+  TileTask task;
+  task.key = {0, 0, 0};
+  reset_most_held_bytes();
+  const std::size_t held_before = held_bytes();
+  tile_digest(f.field, posts, task, {}, 0);
+  EXPECT_LT(most_held_bytes() - held_before, 64u << 10);  // all of them are 1.4 MB
 }
 
 }  // namespace
