@@ -48,6 +48,7 @@ TEST(Log, AFullDiskCostsLinesOnly) {
   for (int k = 0; k < 10; ++k) sink->write("a line");
   for (int k = 0; k < 500 && sink->n_dropped() < 10; ++k) usleep(10000);
   EXPECT_EQ(sink->n_dropped(), 10u);
+  sink.reset();
   close(full);
 }
 

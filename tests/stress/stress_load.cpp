@@ -21,6 +21,7 @@
 #include <sstream>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 namespace {
@@ -97,7 +98,7 @@ class Load {
     connections_.resize(n_connections);
     for (Connection& connection : connections_) start(connection);
     std::vector<epoll_event> events(256);
-    while (totals_.answers < n_wanted_) {
+    while (totals_.answers < n_wanted_ && n_open_ > 0) {  // none: nobody listens any more
       const int n = epoll_wait(epoll_, events.data(), static_cast<int>(events.size()), 15000);
       if (n <= 0) {  // nobody answers any more
         totals_.broken += connections_.size();
@@ -111,7 +112,10 @@ class Load {
 
  private:
   void start(Connection& connection) {
-    if (connection.fd >= 0) close(connection.fd);
+    if (connection.fd >= 0) {
+      close(connection.fd);
+      --n_open_;
+    }
     connection.fd = socket(AF_INET, SOCK_STREAM, 0);
     sockaddr_in address{};
     address.sin_family = AF_INET;
@@ -120,8 +124,10 @@ class Load {
     connection.in.clear();
     if (connect(connection.fd, reinterpret_cast<const sockaddr*>(&address), sizeof address) != 0) {
       ++totals_.broken;
+      close(std::exchange(connection.fd, -1));
       return;
     }
+    ++n_open_;
     const int on = 1;
     setsockopt(connection.fd, IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
     epoll_event event{EPOLLIN, {.ptr = &connection}};
@@ -198,7 +204,7 @@ class Load {
   std::vector<Asked> list_;
   std::uint64_t n_wanted_, progress_;
   int epoll_;
-  std::size_t next_ = 0;
+  std::size_t next_ = 0, n_open_ = 0;
   std::vector<Connection> connections_;
   Totals totals_;
 };
