@@ -15,9 +15,10 @@ namespace tind {
 /// the block has one, too.
 using BlockPlace = std::uint32_t;
 
-/// Square blocks of a grid that are visited, each once and then again for as long as other blocks hand posts over.
-/// A step that works this way must have one answer whatever the order of visits. Blocks that touch are never visited at
-/// the same time, so a visit may change its posts and those of the ring around them.
+/// Square blocks of a grid that are visited, each once and then again for as long as other blocks hand posts over: a
+/// few rows of blocks until they have nothing left, then the next ones, north and south in turn, so that what is looked
+/// at again is still in memory. A step that works this way must have one answer whatever the order of visits. Blocks
+/// that touch are never visited at the same time, so a visit may change its posts and those of the ring around them.
 class BlockSchedule {
  public:
   struct Visit {
@@ -56,12 +57,11 @@ class BlockSchedule {
     blocks_.resize(static_cast<std::size_t>(rows_ * cols_));
     // Blocks of one colour do not touch, nor do the rings around them.
     const bool odd_ring = wraps && cols_ % 2 == 1;
-    const std::int64_t colours = odd_ring ? 6 : 4;
-    queues_.resize(static_cast<std::size_t>(colours));
+    n_colours_ = odd_ring ? 6 : 4;
+    n_queued_ = rows_ * cols_;
     for (std::int64_t b = 0; b < rows_ * cols_; ++b) {
       const std::int64_t col = b % cols_, across = odd_ring && col == cols_ - 1 ? 2 : col % 2;
       blocks_[static_cast<std::size_t>(b)].colour = static_cast<std::uint8_t>(2 * across + b / cols_ % 2);
-      queues_[blocks_[static_cast<std::size_t>(b)].colour].push_back(b);
     }
   }
 
@@ -74,24 +74,21 @@ class BlockSchedule {
     FlowRun rings_apart = run;
     if (side_ < 2) rings_apart.threads = 1;
     rings_apart.progress = nullptr;
-    bool any = true;
-    while (any) {
-      any = false;
-      for (std::vector<std::int64_t>& queue : queues_) {
-        std::vector<std::int64_t> now;
-        now.swap(queue);
-        // As many visits at a time as keep the threads busy: those of a whole colour would hold all its posts.
-        const std::size_t batch = static_cast<std::size_t>(rings_apart.threads) * 4;
-        for (std::size_t begin = 0; begin < now.size(); begin += batch) {
-          std::vector<Visit> visits;
-          for (std::size_t k = begin; k < std::min(now.size(), begin + batch); ++k) visits.push_back(start(now[k]));
-          for_each_job(rings_apart, static_cast<std::int64_t>(visits.size()),
-                       [&](int worker, std::int64_t k) { visit(worker, visits[static_cast<std::size_t>(k)]); });
-          if (run.stopped()) return false;
-          for (Visit& v : visits) finish(v);
-          settled();
+    // Rows of blocks that are settled together: enough to keep the threads busy with a colour.
+    const std::int64_t window = std::max<std::int64_t>(2, 16 * rings_apart.threads / cols_);
+    const std::int64_t n_windows = (rows_ + window - 1) / window;
+    for (bool north = true; n_queued_ > 0; north = !north) {
+      for (std::int64_t k = 0; k < n_windows; ++k) {
+        const std::int64_t first = (north ? k : n_windows - 1 - k) * window * cols_;
+        const std::int64_t end = std::min(first + window * cols_, rows_ * cols_);
+        for (bool any = true; any;) {
+          any = false;
+          for (std::uint8_t colour = 0; colour < n_colours_; ++colour) {
+            const std::vector<std::int64_t> now = queued(first, end, colour);
+            any = any || !now.empty();
+            if (!visit_all(rings_apart, now, visit, settled)) return false;
+          }
         }
-        any = any || !now.empty();
       }
     }
     return true;
@@ -111,6 +108,32 @@ class BlockSchedule {
     return std::max<std::int64_t>(1, whole + (rest >= std::max<std::int64_t>(2, side / 2) ? 1 : 0));
   }
 
+  // Blocks of a colour among [first, end) that are to be visited.
+  std::vector<std::int64_t> queued(std::int64_t first, std::int64_t end, std::uint8_t colour) const {
+    std::vector<std::int64_t> found;
+    for (std::int64_t b = first; b < end; ++b) {
+      const Block& block = blocks_[static_cast<std::size_t>(b)];
+      if (block.queued && block.colour == colour) found.push_back(b);
+    }
+    return found;
+  }
+
+  // Visits blocks of one colour, as many at a time as keep the threads busy: more would hold all their posts.
+  template <class F, class G>
+  bool visit_all(const FlowRun& run, const std::vector<std::int64_t>& blocks, F&& visit, G&& settled) {
+    const std::size_t batch = static_cast<std::size_t>(run.threads) * 4;
+    for (std::size_t begin = 0; begin < blocks.size(); begin += batch) {
+      std::vector<Visit> visits;
+      for (std::size_t k = begin; k < std::min(blocks.size(), begin + batch); ++k) visits.push_back(start(blocks[k]));
+      for_each_job(run, static_cast<std::int64_t>(visits.size()),
+                   [&](int worker, std::int64_t k) { visit(worker, visits[static_cast<std::size_t>(k)]); });
+      if (run.stopped()) return false;
+      for (Visit& v : visits) finish(v);
+      settled();
+    }
+    return true;
+  }
+
   Visit start(std::int64_t b) {
     Block& block = blocks_[static_cast<std::size_t>(b)];
     const std::int64_t row = b / cols_, col = b % cols_;
@@ -124,6 +147,7 @@ class BlockSchedule {
     v.places.swap(block.places);
     block.visited = true;
     block.queued = false;
+    --n_queued_;
     return v;
   }
 
@@ -135,14 +159,15 @@ class BlockSchedule {
       block.places.push_back(static_cast<BlockPlace>((row - r * side_ + 1) << 16 | (col - c * side_ + 1)));
       if (!block.queued) {
         block.queued = true;
-        queues_[block.colour].push_back(b);
+        ++n_queued_;
       }
     }
   }
 
   std::int64_t n_rows_, n_cols_, side_, rows_, cols_;
   std::vector<Block> blocks_;
-  std::vector<std::vector<std::int64_t>> queues_;  // per colour
+  std::uint8_t n_colours_ = 4;
+  std::int64_t n_queued_ = 0;
 };
 
 }  // namespace tind

@@ -62,6 +62,18 @@ std::vector<float> brute_fill(const FlowGrid& g) {
   return w;
 }
 
+TEST(BlockSchedule, SettlesRowsOfBlocksBeforeTheNext) {
+  BlockSchedule schedule(64, 256, false, 8);
+  std::vector<std::int64_t> rows;  // of blocks, in pairs
+  const auto visit = [&](int, BlockSchedule::Visit& v) {
+    rows.push_back(v.row_begin / 16);
+    if (v.first && v.col_begin > 0) v.hand_over(v.row_begin, v.col_begin - 1);
+  };
+  ASSERT_TRUE(schedule.run({}, visit, [] {}));
+  EXPECT_GT(rows.size(), 300u);  // 256 blocks, half of them again
+  EXPECT_TRUE(std::is_sorted(rows.begin(), rows.end()));
+}
+
 TEST(DrainageFill, RaisesAPitToItsSpill) {
   FlowWorld w({{9, 9, 9, 9, 9}, {9, 2, 3, 9, 9}, {9, 3, 1, 6, 5}, {9, 9, 9, 9, 9}});
   w.run();
