@@ -19,7 +19,7 @@ from world import TILES, Daemon, Programs, Verdict, Watch, folder, right_answers
 
 LATE_S = 3.0  # after its deadline, on a loaded machine
 PIPELINED = 40
-ROUNDS = 5
+ROUNDS = 10
 
 
 def trickle(port, n, deadline_s):
@@ -97,7 +97,7 @@ def main():
     parser.add_argument("programs", type=Programs)
     parser.add_argument("--slow", type=int, default=800)
     parser.add_argument("--readers", type=int, default=100)
-    parser.add_argument("--requests", type=int, default=300000, help="of other clients, before and after; meanwhile as many as fit")
+    parser.add_argument("--requests", type=int, default=100000, help="of other clients, before and after; meanwhile as many as fit")
     parser.add_argument("--deadline", type=int, default=5, help="request_timeout_s")
     parser.add_argument("--slack", type=float, default=2.0, help="times that other clients' p99 and processor time may grow; a loaded machine needs more")
     options = parser.parse_args()
