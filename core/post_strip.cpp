@@ -32,10 +32,10 @@ constexpr bool kIsWide = false;
 
 }  // namespace
 
-StripWorst worst_in_strip(const PostStrip& strip, const TriangleRows& triangle, double slack,
-                          const PlaneOverPosts& plane, double least_m, Registers registers) {
-  return kIsWide && registers == Registers::kWidest ? wide::worst_in_strip(strip, triangle, slack, plane, least_m)
-                                                    : narrow::worst_in_strip(strip, triangle, slack, plane, least_m);
+StripWorst worst_in_strip(const PostStrip& strip, const WidenedRows& triangle, const PlaneOverPosts& plane,
+                          double least_m, Registers registers) {
+  return kIsWide && registers == Registers::kWidest ? wide::worst_in_strip(strip, triangle, plane, least_m)
+                                                    : narrow::worst_in_strip(strip, triangle, plane, least_m);
 }
 
 StripErrors errors_in_strip(const PostStrip& strip, const TriangleRows& triangle, const PlaneOverPosts& plane,

@@ -34,10 +34,11 @@ struct StripWorst {
   std::int64_t r = 0, c = -1;  ///< c < 0: none is above the bound.
 };
 
-/// Of the posts of a strip in a triangle (its cuts widened by `slack` columns, borders included) the one with the
-/// largest |plane - height| above `least_m`; of equal ones the southern, then the western one. Thread safe.
-StripWorst worst_in_strip(const PostStrip& strip, const TriangleRows& triangle, double slack,
-                          const PlaneOverPosts& plane, double least_m, Registers registers = Registers::kWidest);
+/// Of the posts of a strip in a widened triangle, borders included, the one with the largest |plane - height| above
+/// `least_m`; of equal ones the southern, then the western one. Precondition: the strip's rows are among the widened
+/// triangle's. Thread safe.
+StripWorst worst_in_strip(const PostStrip& strip, const WidenedRows& triangle, const PlaneOverPosts& plane,
+                          double least_m, Registers registers = Registers::kWidest);
 
 /// Errors of the posts of a strip from a triangle's western cut up to, not including, its eastern one.
 struct StripErrors {

@@ -186,7 +186,8 @@ TileErrors::Sums TileErrors::one_by_one(const Measured& m) const {
         };
         posts_.for_parts(m.window, r, c_first, c_last + 1, part);
       };
-      TilePosts::for_rows_in_box(TriangleRows(in.u, in.v), m.window, band, add_row);
+      const Reach nudge{posts_.nudge() / m.window.dx, posts_.nudge() / m.window.dy};
+      TilePosts::for_rows_in_box(WidenedRows(TriangleRows(in.u, in.v), nudge), m.window, band, add_row);
     }
   }
   return sums;
@@ -199,7 +200,7 @@ TileErrors::Sums TileErrors::of_points() const {
   std::vector<std::uint8_t> seen(posts_.n_points());
   for (const Triangle& t : triangles_) {
     const FacePlane plane = plane_of(t);
-    posts_.for_points(plan_of(t), [&](std::uint32_t k, const TilePoint& p) {
+    posts_.for_points(plan_of(t), posts_.nudge(), [&](std::uint32_t k, const TilePoint& p) {
       if (seen[k] != 0 || p.x < -nudge || p.y < -nudge || p.x >= end || p.y >= end_y) return;
       seen[k] = 1;
       sums.add(std::abs(plane.at(p.x, p.y) - p.height_m));

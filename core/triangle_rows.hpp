@@ -2,6 +2,7 @@
 #pragma once
 
 #include <algorithm>
+#include <cmath>
 #include <cstdint>
 #include <utility>
 
@@ -72,6 +73,54 @@ class TriangleRows {
 
   double u_[3], v_[3];  // by row, the lowest first
   double long_slope_, low_slope_, high_slope_;
+};
+
+/// How far from a triangle posts count as its own, in columns and rows.
+struct Reach {
+  double cols = 0, rows = 0;
+};
+
+/// The same rows of a triangle together with all that is within reach of it on both axes: its cuts leave out nothing of
+/// that, and are a little wider beside corners.
+class WidenedRows {
+ public:
+  WidenedRows(const TriangleRows& rows, const Reach& reach)
+      : rows_(rows),
+        reach_rows_(reach.rows),
+        west_(lesser(lesser(rows.u(0), rows.u(1)), rows.u(2)) - reach.cols),
+        east_(greater(greater(rows.u(0), rows.u(1)), rows.u(2)) + reach.cols),
+        beside_long_(std::abs(rows.long_slope()) * reach.rows + reach.cols),
+        beside_low_(std::abs(rows.low_slope()) * reach.rows + reach.cols),
+        beside_high_(std::abs(rows.high_slope()) * reach.rows + reach.cols) {}
+
+  const TriangleRows& rows() const { return rows_; }
+  double reach_rows() const { return reach_rows_; }
+  /// Columns by which cuts of an edge move outwards.
+  double beside_long() const { return beside_long_; }
+  double beside_low() const { return beside_low_; }
+  double beside_high() const { return beside_high_; }
+  /// Around the middle corner both edges that end there count.
+  double beside_corner() const { return greater(beside_low_, beside_high_); }
+
+  double south() const { return rows_.south() - reach_rows_; }
+  double north() const { return rows_.north() + reach_rows_; }
+  double west() const { return west_; }
+  double east() const { return east_; }
+
+  /// The western and the eastern cut of a row in [south, north].
+  std::pair<double, double> cuts(double row) const {
+    const TriangleRows& t = rows_;
+    const double at = lesser(greater(row, t.south()), t.north());
+    const double a = t.u(0) + t.long_slope() * (at - t.v(0));
+    const bool is_low = at < t.v(1);
+    const double b = is_low ? t.u(0) + t.low_slope() * (at - t.v(0)) : t.u(1) + t.high_slope() * (at - t.v(1));
+    const double beside = std::abs(at - t.v(1)) <= reach_rows_ ? beside_corner() : is_low ? beside_low_ : beside_high_;
+    return {greater(lesser(a - beside_long_, b - beside), west_), lesser(greater(a + beside_long_, b + beside), east_)};
+  }
+
+ private:
+  TriangleRows rows_;
+  double reach_rows_, west_, east_, beside_long_, beside_low_, beside_high_;
 };
 
 }  // namespace tind

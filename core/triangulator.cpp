@@ -208,12 +208,12 @@ class TileRefiner {
       posts_.prefetch_around(candidate.post);  // while the mesh makes room for it
       const auto [post_x, post_y] = posts_.position(candidate.post);
       const std::int64_t x = floor_of(post_x + 0.5), y = floor_of(post_y + 0.5);
-      if (insert_post(next->face, x, y)) {
-        ++surface.n_inserted;
-      } else {
-        scanner_.give_up(candidate.post);
-        scan(next->face);
-      }
+      const bool is_new = insert_post(next->face, x, y);
+      surface.n_inserted += is_new ? 1 : 0;
+      // A post beside the face may leave it as it is.
+      if (is_new && candidates_[static_cast<std::size_t>(next->face)].post != candidate.post) continue;
+      scanner_.give_up(candidate.post);
+      scan(next->face);
     }
   }
 

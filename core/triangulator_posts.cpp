@@ -4,6 +4,7 @@
 #include <cmath>
 #include <limits>
 
+#include "core/format/quantized_mesh.hpp"
 #include "core/level_spec.hpp"
 
 namespace tind {
@@ -14,6 +15,7 @@ void TilePosts::reset(const HeightField& field, const TileKey& key) {
   west_ = side_ * key.x;
   south_ = side_ * key.y;
   nudge_ = 1e-5 + 1e-13 * static_cast<double>(field.lattice.width());
+  reach_ = static_cast<double>(side_) / kQuantizedSteps / 2 + nudge_;
   windows_.clear();
   covered_.clear();
   points_.clear();
@@ -21,8 +23,7 @@ void TilePosts::reset(const HeightField& field, const TileKey& key) {
   find_posts();
   std::int64_t n = 0;
   for (PostWindow& w : windows_) {
-    w.slack_x = nudge_ / w.dx;
-    w.slack_y = nudge_ / w.dy;
+    w.reach = {reach_ / w.dx, reach_ / w.dy};
     w.first_index = n;
     n += w.n_cols * w.n_rows;
     if (w.is_base_grid || field.points.empty()) continue;

@@ -22,7 +22,7 @@ namespace tind {
 struct PostWindow {
   double x0 = 0, y0 = 0, dx = 1, dy = 1;  ///< Position of post (0, 0) of the window and spacing.
   double per_dx = 1, per_dy = 1;          ///< 1 / dx, 1 / dy.
-  double slack_x = 0, slack_y = 0;        ///< What counts as nothing, in post spacings.
+  Reach reach;                            ///< TilePosts::reach() in post spacings.
   std::int64_t n_cols = 0, n_rows = 0;
   std::int64_t field_col = 0, field_row = 0;  ///< Of the window's post (0, 0).
   bool is_base_grid = false;     ///< The level's own 256 x 256 grid at the base height, where the field covers nothing.
@@ -38,7 +38,7 @@ struct PostWindow {
   double y(std::int64_t r) const { return y0 + static_cast<double>(r) * dy; }
 };
 
-/// Far below a post's spacing, far above what rounding and PostWindow's slack move a triangle's edge by.
+/// Far below a post's spacing, far above what rounding in doubles moves a triangle's edge by.
 constexpr double kNoPost = 1e-6;
 
 /// A triangle in the posts of a window: column and row of its corners.
@@ -79,6 +79,9 @@ class TilePosts {
   std::size_t n_points() const { return points_.size(); }
   /// Degrees carry about 1e-13 of rounding: a post this close to a tile's side, in lattice steps, lies on it.
   double nudge() const { return nudge_; }
+  /// So far from a triangle on either axis, in lattice steps, posts are held against it: quantized-mesh rounds corners
+  /// by up to half a step of its own, and a post beside an edge comes to lie on the other side. DESIGN 5.
+  double reach() const { return reach_; }
 
   /// Calls part(heights, origins, c_begin, c_end) for the posts [c_begin, c_end) of a row, from west to east in parts
   /// that lie together: heights[k] is column c_begin + k of the window. Both are valid until the call returns.
@@ -116,28 +119,28 @@ class TilePosts {
   /// Lowest and highest of all posts, metres; low > high when there is none.
   std::pair<double, double> height_range() const;
 
-  /// Calls row(r, c_first, c_last) for the posts of a window in a triangle, borders included: posts outside by a
-  /// rounding are visited with it, so that none falls between two.
+  /// Calls row(r, c_first, c_last) for the posts of a window within reach of a triangle.
   template <class Row>
   static void for_rows(const PlanTriangle& t, const PostWindow& w, Row row);
-  /// Calls box(extent) for boxes of columns and rows of a window that have all posts of a triangle between them. Large
-  /// triangles leave out the blocks of posts of which bound(block, extent) says less than `worst`, which `box` may
-  /// raise; the most promising blocks come first. `rows`: of the same triangle.
+  /// Calls box(extent) for boxes of columns and rows of a window that have all posts within reach of a triangle between
+  /// them. Large triangles leave out the blocks of posts of which bound(block, extent) says less than `worst`, which
+  /// `box` may raise; the most promising blocks come first. `rows`: of the same triangle, widened by the window's
+  /// reach.
   template <class Bound, class Visit>
-  void for_promising_boxes(const TriangleInPosts& t, const TriangleRows& rows, const PostWindow& w, const double& worst,
+  void for_promising_boxes(const TriangleInPosts& t, const WidenedRows& rows, const PostWindow& w, const double& worst,
                            Bound bound, Visit box) const;
-  /// Calls row(r, c_first, c_last) for the posts of a triangle in such a box, as for_rows.
+  /// Calls row(r, c_first, c_last) for the posts of such a box, as for_rows.
   template <class Row>
-  static void for_rows_in_box(const TriangleRows& rows, const PostWindow& w, const PostBlocks::Extent& e, Row row);
+  static void for_rows_in_box(const WidenedRows& rows, const PostWindow& w, const PostBlocks::Extent& e, Row row);
   /// Cuts a box into strips and calls strip(PostStrip) for each, west to east; false, and nothing is called, where it
   /// is too wide for that to pay, or the grid too narrow to be read by strips.
   template <class Strip>
   bool for_strips(const PostWindow& w, const PostBlocks::Extent& e, Strip strip) const;
 
-  /// Calls visit(k, point) for the irregular posts in a triangle, borders included as above.
+  /// Calls visit(k, point) for the irregular posts in a triangle and those within `reach` lattice steps of it.
   template <class Visit>
-  void for_points(const PlanTriangle& t, Visit visit) const {
-    if (!points_.empty()) visit_points(t, visit);
+  void for_points(const PlanTriangle& t, double reach, Visit visit) const {
+    if (!points_.empty()) visit_points(t, reach, visit);
   }
 
  private:
@@ -152,10 +155,10 @@ class TilePosts {
     return *w;
   }
   // Rows [first, end) of a box that a triangle may have posts in.
-  static std::pair<std::int64_t, std::int64_t> rows_in_box(const TriangleRows& rows, const PostWindow& w,
+  static std::pair<std::int64_t, std::int64_t> rows_in_box(const WidenedRows& rows, const PostWindow& w,
                                                            const PostBlocks::Extent& e) {
-    return {std::max({std::int64_t{0}, e.row, ceil_of(rows.south() - w.slack_y)}),
-            std::min({w.n_rows, e.row + e.n_rows, floor_of(rows.north() + w.slack_y) + 1})};
+    return {std::max({std::int64_t{0}, e.row, ceil_of(rows.south())}),
+            std::min({w.n_rows, e.row + e.n_rows, floor_of(rows.north()) + 1})};
   }
   void find_windows();
   void find_posts();
@@ -164,7 +167,7 @@ class TilePosts {
   template <class Sums, class Row>
   void for_posts(const PostWindow& w, std::int64_t n_rows, std::int64_t n_cols, Sums sums, Row row) const;
   template <class Visit>
-  void visit_points(const PlanTriangle& t, Visit visit) const;
+  void visit_points(const PlanTriangle& t, double reach, Visit visit) const;
   std::int64_t cell_col(double x) const {
     return std::clamp<std::int64_t>(floor_of((x - cells_x0_) / cell_size_), 0, n_cell_cols_ - 1);
   }
@@ -174,7 +177,7 @@ class TilePosts {
 
   const HeightField* field_ = nullptr;
   std::int64_t side_ = 0, west_ = 0, south_ = 0;
-  double nudge_ = 0;
+  double nudge_ = 0, reach_ = 0;
   std::vector<PostWindow> windows_;
   std::vector<Box> covered_;
   std::int64_t first_point_ = 0;
@@ -210,16 +213,16 @@ void TilePosts::for_parts(const PostWindow& w, std::int64_t r, std::int64_t c_be
 template <class Row>
 void TilePosts::for_rows(const PlanTriangle& t, const PostWindow& w, Row row) {
   const TriangleInPosts in(t, w);
-  for_rows_in_box(TriangleRows(in.u, in.v), w, {0, 0, w.n_rows, w.n_cols}, row);
+  for_rows_in_box(WidenedRows(TriangleRows(in.u, in.v), w.reach), w, {0, 0, w.n_rows, w.n_cols}, row);
 }
 
 template <class Row>
-void TilePosts::for_rows_in_box(const TriangleRows& rows, const PostWindow& w, const PostBlocks::Extent& e, Row row) {
+void TilePosts::for_rows_in_box(const WidenedRows& rows, const PostWindow& w, const PostBlocks::Extent& e, Row row) {
   const auto [r_first, r_end] = rows_in_box(rows, w, e);
   for (std::int64_t r = r_first; r < r_end; ++r) {
-    const auto [west, east] = rows.cuts(std::min(std::max(static_cast<double>(r), rows.south()), rows.north()));
-    const auto c_first = std::max({std::int64_t{0}, e.col, ceil_of(west - w.slack_x)});
-    const auto c_last = std::min({w.n_cols, e.col + e.n_cols, floor_of(east + w.slack_x) + 1}) - 1;
+    const auto [west, east] = rows.cuts(static_cast<double>(r));
+    const auto c_first = std::max({std::int64_t{0}, e.col, ceil_of(west)});
+    const auto c_last = std::min({w.n_cols, e.col + e.n_cols, floor_of(east) + 1}) - 1;
     if (c_first <= c_last) row(r, c_first, c_last);
   }
 }
@@ -261,42 +264,43 @@ bool TilePosts::for_strips(const PostWindow& w, const PostBlocks::Extent& e, Str
 }
 
 template <class Bound, class Visit>
-void TilePosts::for_promising_boxes(const TriangleInPosts& t, const TriangleRows& rows, const PostWindow& w,
+void TilePosts::for_promising_boxes(const TriangleInPosts& t, const WidenedRows& rows, const PostWindow& w,
                                     const double& worst, Bound bound, Visit box) const {
   // The posts that the triangle may have in a part of the window.
   const auto visit_box = [&](const PostBlocks::Extent& e) {
     const auto [r_first, r_end] = rows_in_box(rows, w, e);
-    const auto c_first = std::max({std::int64_t{0}, e.col, ceil_of(t.west() - kNoPost)});
-    const auto c_end = std::min({w.n_cols, e.col + e.n_cols, floor_of(t.east() + kNoPost) + 1});
+    const auto c_first = std::max({std::int64_t{0}, e.col, ceil_of(rows.west())});
+    const auto c_end = std::min({w.n_cols, e.col + e.n_cols, floor_of(rows.east()) + 1});
     if (r_first < r_end && c_first < c_end) box({r_first, c_first, r_end - r_first, c_end - c_first});
   };
   if (w.is_base_grid || !has_blocks() || !t.is_large()) {
     visit_box({0, 0, w.n_rows, w.n_cols});
     return;
   }
-  const TriangleBlocks walk(*field_->blocks, w.field_row, w.field_col, t.u, t.v, kNoPost);
+  const double slack = greater(w.reach.cols, w.reach.rows) + kNoPost;
+  const TriangleBlocks walk(*field_->blocks, w.field_row, w.field_col, t.u, t.v, slack);
   walk.for_promising(worst, bound, [&](const BlockInWindow& b) { visit_box(b.posts); });
 }
 
 template <class Visit>
-void TilePosts::visit_points(const PlanTriangle& t, Visit visit) const {
+void TilePosts::visit_points(const PlanTriangle& t, double reach, Visit visit) const {
   const double south = std::min({t.y[0], t.y[1], t.y[2]}), north = std::max({t.y[0], t.y[1], t.y[2]});
   const double west = std::min({t.x[0], t.x[1], t.x[2]}), east = std::max({t.x[0], t.x[1], t.x[2]});
   const double end_x = cells_x0_ + cell_size_ * static_cast<double>(n_cell_cols_);
   const double end_y = cells_y0_ + cell_size_ * static_cast<double>(n_cell_rows_);
-  if (east + nudge_ < cells_x0_ || west - nudge_ > end_x || north + nudge_ < cells_y0_ || south - nudge_ > end_y) {
+  if (east + reach < cells_x0_ || west - reach > end_x || north + reach < cells_y0_ || south - reach > end_y) {
     return;
   }
   double slack[3];
   for (int i = 0; i < 3; ++i) {
     const int j = (i + 1) % 3;
     const double ex = t.x[j] - t.x[i], ey = t.y[j] - t.y[i];
-    slack[i] = -nudge_ * std::sqrt(ex * ex + ey * ey);
+    slack[i] = -reach * (std::abs(ex) + std::abs(ey));
   }
-  for (std::int64_t r = cell_row(south - nudge_); r <= cell_row(north + nudge_); ++r) {
+  for (std::int64_t r = cell_row(south - reach); r <= cell_row(north + reach); ++r) {
     // Where the triangle lies in this row of cells.
-    const double low = cells_y0_ + cell_size_ * static_cast<double>(r) - nudge_;
-    const double high = low + cell_size_ + 2 * nudge_;
+    const double low = cells_y0_ + cell_size_ * static_cast<double>(r) - reach;
+    const double high = low + cell_size_ + 2 * reach;
     double left = east, right = west;
     for (int i = 0; i < 3; ++i) {
       const int j = (i + 1) % 3;
@@ -310,7 +314,7 @@ void TilePosts::visit_points(const PlanTriangle& t, Visit visit) const {
       }
     }
     if (left > right) continue;
-    for (std::int64_t c = cell_col(left - nudge_); c <= cell_col(right + nudge_); ++c) {
+    for (std::int64_t c = cell_col(left - reach); c <= cell_col(right + reach); ++c) {
       const auto cell = static_cast<std::size_t>(r * n_cell_cols_ + c);
       for (std::uint32_t k = cell_first_[cell]; k < cell_first_[cell + 1]; ++k) {
         const TilePoint& p = points_[k];

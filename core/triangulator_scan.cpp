@@ -175,7 +175,7 @@ FaceCandidate FaceScanner::scan(std::int32_t face) const {
     }
     const double per_col = plane.slope_x * w.dx;
     const TriangleInPosts in(plan, w);
-    const TriangleRows rows(in.u, in.v);
+    const WidenedRows rows(TriangleRows(in.u, in.v), w.reach);
     const PlaneOverPosts over = plane_over(plane, w);
     const auto row = [&](std::int64_t r, std::int64_t c_first, std::int64_t c_last) {
       const double z = plane.at(w.x0, w.y(r));
@@ -192,7 +192,7 @@ FaceCandidate FaceScanner::scan(std::int32_t face) const {
     };
     const auto strip = [&](const PostStrip& s) {
       const double least = at.window == &w ? std::nextafter(worst, 0.0) : worst;
-      const StripWorst found = worst_in_strip(s, rows, w.slack_x, over, least);
+      const StripWorst found = worst_in_strip(s, rows, over, least);
       if (found.c < 0 || (found.error_m == worst && !at.is_after(w, found.r, found.c))) return;
       worst = found.error_m;
       at = {&w, found.r, found.c};
@@ -292,7 +292,7 @@ FaceCandidate FaceScanner::scan_thoroughly(std::int32_t face, const FacePlane& p
                        });
     };
     const TriangleInPosts in(plan, w);
-    const TriangleRows rows(in.u, in.v);
+    const WidenedRows rows(TriangleRows(in.u, in.v), w.reach);
     posts_.for_promising_boxes(
         in, rows, w, worst,
         [&](const PostBlock& block, const PostBlocks::Extent& e) {
@@ -301,7 +301,7 @@ FaceCandidate FaceScanner::scan_thoroughly(std::int32_t face, const FacePlane& p
         },
         [&](const PostBlocks::Extent& e) { TilePosts::for_rows_in_box(rows, w, e, row); });
   }
-  posts_.for_points(plan, [&](std::uint32_t k, const TilePoint& p) {
+  posts_.for_points(plan, posts_.reach(), [&](std::uint32_t k, const TilePoint& p) {
     const double error = post_error(p.x, p.y, p.height_m);
     if (error >= worst) consider(error, p.x, p.y, posts_.index_of_point(k));
   });

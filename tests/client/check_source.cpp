@@ -240,17 +240,25 @@ void check_source_errors(Run& run) {
   }
 }
 
-double scan_changed_triangles(const Run& run, const TileId& id, const TessellatedTile& mesh, Check& check,
-                              const std::string& situation) {
-  const double unit = run.manifest.frame.unit_m();
+double scan_surface(const Run& run, const TileId& id, const std::vector<std::array<SurfacePoint, 3>>& triangles,
+                    Check& check, const std::string& situation) {
   Judge judge(run, id, check, situation);
   const TilePosts tile_posts(*run.posts, run.manifest.frame, id);
-  for (std::size_t k = mesh.first_changed; k < mesh.triangles.size(); ++k) {
-    tile_posts.scan(corners_of(mesh.triangles[k], mesh.vertices, unit), [&](std::size_t slot, double z) {
+  for (const auto& t : triangles) {
+    tile_posts.scan(t, [&](std::size_t slot, double z) {
       if (tile_posts.has(slot)) judge.see(tile_posts.place(slot).at, z);
     });
   }
   return judge.worst();
+}
+
+double scan_changed_triangles(const Run& run, const TileId& id, const TessellatedTile& mesh, Check& check,
+                              const std::string& situation) {
+  std::vector<std::array<SurfacePoint, 3>> triangles;
+  for (std::size_t k = mesh.first_changed; k < mesh.triangles.size(); ++k) {
+    triangles.push_back(corners_of(mesh.triangles[k], mesh.vertices, run.manifest.frame.unit_m()));
+  }
+  return scan_surface(run, id, triangles, check, situation);
 }
 
 void check_tessellated_errors(Run& run) {

@@ -83,22 +83,41 @@ std::array<TerrainBorder, 4> borders_of(const TerrainMesh& mesh) {
   return borders;
 }
 
-/// Largest distance of the decoded mesh from the source's posts.
-double measure_mesh(const Run& run, const TileId& id, const TerrainMesh& mesh) {
-  const double scale = static_cast<double>(run.manifest.frame.side(id.level)) / kMaxValue;
-  double worst = 0;
-  const TilePosts tile_posts(*run.posts, run.manifest.frame, id);
+/// Whether the mesh is the tile's own with every vertex at the nearest grid point: then it keeps the promise. Where
+/// that would turn a triangle over the server mends the mesh, which may cost more than E_L allows for.
+bool is_plainly_rounded(const Run& run, const Tile& tile, const TerrainMesh& mesh) {
+  using Positions = std::vector<std::array<std::int64_t, 2>>;
+  Positions expected, found;
+  const std::int64_t side = run.manifest.frame.side(tile.id.level), steps = static_cast<std::int64_t>(kMaxValue);
+  const auto nearest = [&](std::int64_t at) { return (2 * at * steps + side) / (2 * side); };
+  for (const Vertex& v : tile.vertices) expected.push_back({nearest(v.x), nearest(v.y)});
+  for (std::size_t k = 0; k < mesh.u.size(); ++k) found.push_back({mesh.u[k], mesh.v[k]});
+  std::sort(expected.begin(), expected.end());
+  std::sort(found.begin(), found.end());
+  return expected == found && mesh.triangles.size() == tile.triangles.size();
+}
+
+/// Holds the decoded mesh against the source's posts.
+void measure_mesh(Run& run, const Node& node, const TerrainMesh& mesh) {
+  const double scale = static_cast<double>(run.manifest.frame.side(node.id.level)) / kMaxValue;
+  std::vector<std::array<SurfacePoint, 3>> triangles;
   for (const Corners& t : mesh.triangles) {
-    std::array<SurfacePoint, 3> p;
+    auto& p = triangles.emplace_back();
     for (std::size_t c = 0; c < 3; ++c) p[c] = {mesh.u[t[c]] * scale, mesh.v[t[c]] * scale, mesh.height_m(t[c])};
-    tile_posts.scan(p, [&](std::size_t slot, double z) {
-      const std::int64_t at = tile_posts.place(slot).at;
-      if (run.posts->has(at) && !run.posts->is_uncertain(at)) {
-        worst = std::max(worst, post_errors(*run.posts, at, z).nearest);
-      }
-    });
   }
-  return worst;
+  Check& check = run.check("terrain-error");
+  const bool is_held = node.tile != nullptr && is_plainly_rounded(run, *node.tile, mesh);
+  Check aside("aside", "", "");
+  const double worst = scan_surface(run, node.id, triangles, is_held ? check : aside, "as .terrain");
+  if (!is_held && aside.failures() > 0) {
+    check.note(
+        fmt::format("tile {}: rounding to 0..32767 would turn triangles over; as mended for .terrain it is off "
+                    "by up to {:.3f} m",
+                    node.id.text(), worst));
+  }
+  const std::lock_guard lock(run.figures_mutex);
+  LevelFigures& figures = run.figures(node.id.level);
+  figures.terrain_max_error_m = std::max(figures.terrain_max_error_m.value_or(0), worst);
 }
 
 void fetch_mesh(Run& run, std::size_t k) {
@@ -125,10 +144,7 @@ void fetch_mesh(Run& run, std::size_t k) {
   if (node.tile != nullptr) check_heights(run, node, *mesh, check);
   run.terrain_borders[k] = borders_of(*mesh);
   if (run.posts == nullptr) return;
-  const double worst = measure_mesh(run, node.id, *mesh);
-  const std::lock_guard lock(run.figures_mutex);
-  LevelFigures& figures = run.figures(node.id.level);
-  figures.terrain_max_error_m = std::max(figures.terrain_max_error_m.value_or(0), worst);
+  measure_mesh(run, node, *mesh);
 }
 
 /// Two borders of neighbours; empty: they agree.
@@ -177,6 +193,12 @@ std::optional<std::set<std::pair<std::uint32_t, std::uint32_t>>> available_tiles
 void fetch_terrain(Run& run) {
   run.terrain_borders.resize(run.pyramid.nodes().size());
   for_each_parallel(run.pyramid.nodes().size(), run.options.threads, [&](std::size_t k) { fetch_mesh(run, k); });
+  Check& check = run.check("terrain-error");
+  if (run.posts == nullptr) {
+    check.skip("no --source was given");
+  } else if (check.count() == 0 && check.failures() == 0) {
+    check.skip("no tile with source posts could be rounded to 0..32767 without being mended");
+  }
 }
 
 void check_terrain_borders(Run& run) {

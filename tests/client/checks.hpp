@@ -65,6 +65,11 @@ void check_tessellated_errors(Run& run);
 struct TessellatedTile;
 double scan_changed_triangles(const Run& run, const TileId& id, const TessellatedTile& mesh, Check& check,
                               const std::string& situation);
+/// Largest error of the posts in `triangles` of a tile, each post in each triangle that it lies in; findings go to
+/// `check`. Metres, 0 when no post lies in one.
+struct SurfacePoint;
+double scan_surface(const Run& run, const TileId& id, const std::vector<std::array<SurfacePoint, 3>>& triangles,
+                    Check& check, const std::string& situation);
 /// .terrain tiles and layer.json.
 void fetch_terrain(Run& run);
 void check_terrain_borders(Run& run);

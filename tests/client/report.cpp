@@ -106,9 +106,7 @@ std::string Report::text() const {
   line(
       "  (stored max: as the tiles say; measured, rmse: |TIN - h| here, at the source's posts; tessellated: the same "
       "inside");
-  line(
-      "   re-triangulated virtual triangles; .terrain: the served mesh, rounded to 0..32767, for information. "
-      "Metres.)");
+  line("   re-triangulated virtual triangles; .terrain: the served mesh, rounded to 0..32767. Metres.)");
   if (cuts.cuts > 0) {
     line("");
     std::string gaps;

@@ -39,6 +39,8 @@ void add_checks(Report& report) {
   report.add("tessellated-error", "|TIN - h| <= E_L in VTs re-triangulated against each finer level", "posts");
   report.add("cut-error", "|TIN - h| <= E_L in the re-triangulated VTs of the cuts", "posts");
   report.add("terrain", ".terrain meshes cover the tile, no flat or turned triangle, sorted edge lists", "tiles");
+  report.add("terrain-error", "|TIN - h| <= E_L at every source post in .terrain tiles that rounding leaves whole",
+             "posts");
   report.add("terrain-borders", "same-level .terrain borders decode to the same positions, heights, normals",
              "borders");
   report.add("layer-json", "layer.json names exactly the stored tiles, with every field clients need", "levels");

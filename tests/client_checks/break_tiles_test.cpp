@@ -291,6 +291,22 @@ TEST_F(BrokenTiles, TerrainTriangleTurnedOverIsSeen) {
   EXPECT_THAT(offenders("terrain"), HasSubstr("turned over"));
 }
 
+// All heights a few hundred metres up, which is more than E_L: sound otherwise, a tile with borders of its own.
+TEST_F(BrokenTiles, TerrainThatMissesThePostsIsSeen) {
+  const TileKey key = busiest();
+  const std::string path = text_of(key) + ".terrain?extensions=octvertexnormals";
+  Bytes bytes = pyramid.body_of(path);
+  for (const std::size_t at : {24, 28}) {  // lowest and highest height
+    float height = 0;
+    std::memcpy(&height, bytes.data() + at, 4);
+    height += 900;
+    std::memcpy(bytes.data() + at, &height, 4);
+  }
+  pyramid.replace(path, bytes);
+  EXPECT_THAT(failed_after(), Contains("terrain-error"));
+  EXPECT_THAT(offenders("terrain-error"), HasSubstr("as .terrain: post at longitude"));
+}
+
 TEST_F(BrokenTiles, TerrainHeaderHeightsAreCompared) {
   const TileKey key = busiest();
   const std::string path = text_of(key) + ".terrain?extensions=octvertexnormals";

@@ -206,7 +206,9 @@ TEST(WarpedPosts, VoidsOfARasterAreHolesOfTheirOwnCells) {
     const auto p = project(plan.crs, posts->longitude_of(at), posts->latitude_of(at));
     const bool in_hole = p[0] > 400600 && p[0] < 400900 && p[1] < 3799490 && p[1] > 3799010;
     holes += in_hole && !posts->has(at) ? 1 : 0;
-    if (posts->has(at)) ASSERT_EQ(posts->heights_m[k], 7.0f) << "weights of voids are dropped, the rest scaled";
+    if (posts->has(at)) {
+      ASSERT_EQ(posts->heights_m[k], 7.0f) << "weights of voids are dropped, the rest scaled";
+    }
   }
   EXPECT_GT(holes, 100);
 }

@@ -48,13 +48,13 @@ class StripTest : public ::testing::Test {
     return std::abs(z + plane_.per_col * static_cast<double>(c) - height);
   }
 
-  StripWorst worst_one_by_one(double slack, double least) const {
-    const TriangleRows rows(u_, v_);
+  StripWorst worst_one_by_one(const Reach& reach, double least) const {
+    const WidenedRows rows(TriangleRows(u_, v_), reach);
     StripWorst found{least, 0, -1};
     for (std::int64_t r = strip_.row; r < strip_.row + strip_.n_rows; ++r) {
-      const auto [west, east] = rows.cuts(std::clamp(static_cast<double>(r), rows.south(), rows.north()));
+      const auto [west, east] = rows.cuts(static_cast<double>(r));
       for (std::int64_t c = strip_.col; c < strip_.col + strip_.n_cols; ++c) {
-        if (static_cast<double>(c) < west - slack || static_cast<double>(c) > east + slack) continue;
+        if (static_cast<double>(c) < west || static_cast<double>(c) > east) continue;
         if (error_at(r, c) > found.error_m) found = {error_at(r, c), r, c};
       }
     }
@@ -84,14 +84,43 @@ class StripTest : public ::testing::Test {
   PostStrip strip_;
 };
 
+// Whatever lies within reach of the triangle is between the cuts, and nothing far beyond is.
+TEST_F(StripTest, WidenedRowsHaveAllWithinReach) {
+  std::uniform_real_distribution<double> share(0, 1), aside(-1, 1), size(0, 0.9);
+  double most_beyond = 0;
+  for (int k = 0; k < 200'000; ++k, next()) {
+    const Reach reach{size(random_), size(random_)};
+    const TriangleRows rows(u_, v_);
+    const WidenedRows wide(rows, reach);
+    if (rows.south() == rows.north()) continue;  // no triangle
+    double a = share(random_), b = share(random_);
+    if (a + b > 1) a = 1 - a, b = 1 - b;
+    if (k % 2) b = k % 4 == 1 ? 0 : 1 - a;  // on an edge
+    const double col = u_[0] + a * (u_[1] - u_[0]) + b * (u_[2] - u_[0]) + aside(random_) * reach.cols;
+    const double row = v_[0] + a * (v_[1] - v_[0]) + b * (v_[2] - v_[0]) + aside(random_) * reach.rows;
+    ASSERT_GE(row, wide.south() - 1e-9) << k;
+    ASSERT_LE(row, wide.north() + 1e-9) << k;
+    const auto [west, east] = wide.cuts(row);
+    ASSERT_GE(col, west - 1e-9) << k;
+    ASSERT_LE(col, east + 1e-9) << k;
+    const auto [own_west, own_east] = rows.cuts(std::clamp(row, rows.south(), rows.north()));
+    const double lean =
+        std::max({std::abs(rows.long_slope()), std::abs(rows.low_slope()), std::abs(rows.high_slope())});
+    ASSERT_LE(std::max(own_west - west, east - own_east), reach.cols + lean * reach.rows + 1e-9) << k;
+    most_beyond = std::max(most_beyond, own_west - west);
+  }
+  EXPECT_GT(most_beyond, 1);
+}
+
 TEST_F(StripTest, WorstIsThatOfAPlainLoop) {
   std::uniform_real_distribution<double> least(0, 60);
   int n_found = 0, n_none = 0;
   for (int k = 0; k < 200'000; ++k, next()) {
-    const double above = k % 2 ? 0 : least(random_), slack = k % 3 ? 0 : 1e-9;
-    const StripWorst expected = worst_one_by_one(slack, above);
+    const double above = k % 2 ? 0 : least(random_);
+    const Reach reach = k % 3 == 0 ? Reach{} : k % 3 == 1 ? Reach{1e-9, 1e-9} : Reach{least(random_) / 40, 0.3};
+    const StripWorst expected = worst_one_by_one(reach, above);
     const Registers registers = k % 5 ? Registers::kWidest : Registers::kNarrow;
-    const StripWorst found = worst_in_strip(strip_, TriangleRows(u_, v_), slack, plane_, above, registers);
+    const StripWorst found = worst_in_strip(strip_, WidenedRows(TriangleRows(u_, v_), reach), plane_, above, registers);
     ASSERT_EQ(found.c, expected.c) << k;
     (expected.c < 0 ? n_none : n_found) += 1;
     if (expected.c < 0) continue;

@@ -79,7 +79,9 @@ TEST(ResidentLimit, KeepsThreadsThatWriteLargeMapsNearTheLimit) {
   }
   EXPECT_GE(resident_limit.n_releases(), 2u);
   // Sanitizers keep several bytes of their own for each of a map.
-  if (!kSanitized) EXPECT_LT(highest, limit + 96 * kMb);
+  if (!kSanitized) {
+    EXPECT_LT(highest, limit + 96 * kMb);
+  }
   for (const auto& [map, seed] : {std::pair{&first, 1u}, {&second, 2u}}) {
     const auto* const words = static_cast<const std::uint64_t*>(map->data());
     for (std::size_t i = 0; i < kMapBytes / sizeof(std::uint64_t); i += 61) {
