@@ -81,7 +81,10 @@ Result<const ResolvedTile*> WorkerState::resolve(const std::shared_ptr<const Dat
   if (!opened) return tl::unexpected(opened.error());
   std::array<ByteView, ResolvedTile::kValues> values;
   if (!(*opened)->find_tile(key, values)) return nullptr;
-  ResolvedTile tile{.packed_key = packed_key, .dataset_id = dataset->id, .hash = hash_of(values)};
+  ResolvedTile tile;
+  tile.packed_key = packed_key;
+  tile.dataset_id = dataset->id;
+  tile.hash = hash_of(values);
   for (std::size_t k = 0; k < values.size(); ++k) {
     if (values[k].empty()) {
       return fail(ErrorKind::kCorrupt,
