@@ -80,7 +80,7 @@ class TilePosts {
   /// Degrees carry about 1e-13 of rounding: a post this close to a tile's side, in lattice steps, lies on it.
   double nudge() const { return nudge_; }
   /// So far from a triangle on either axis, in lattice steps, posts are held against it: quantized-mesh rounds corners
-  /// by up to half a step of its own, and a post beside an edge comes to lie on the other side. DESIGN 5.
+  /// by up to half a step of its own, and a post beside an edge comes to lie on the other side. docs/decisions/0003.
   double reach() const { return reach_; }
 
   /// Calls part(heights, origins, c_begin, c_end) for the posts [c_begin, c_end) of a row, from west to east in parts
