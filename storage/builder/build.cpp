@@ -31,6 +31,8 @@ constexpr double kLineShare = 0.1;
 // take a moment, in which drainage and loading touch more than tiles do.
 constexpr double kMapsWhileReading = 0.4;
 constexpr double kMapsWhileBuilding = 0.48;
+// How fast tiles bring in pages, at most, on each thread and the one that stores them.
+constexpr std::uint64_t kTileBytesPerMs = std::uint64_t{2} << 20;
 // Posts and their blocks stay arrays up to such a share of it: pages are not needed to bound memory then, and cost a
 // twentieth of the build.
 constexpr double kPostsAsArrays = 0.3;
@@ -233,9 +235,9 @@ class Build {
     for (; n_notes_ < source_->notes().size(); ++n_notes_) progress_.note(source_->notes()[n_notes_]);
   }
 
-  void limit_maps(double share) {
+  void limit_maps(double share, std::uint64_t most_bytes_per_ms) {
     limit_.reset();
-    limit_.emplace(static_cast<std::uint64_t>(static_cast<double>(options_.memory_bytes) * share));
+    limit_.emplace(static_cast<std::uint64_t>(static_cast<double>(options_.memory_bytes) * share), most_bytes_per_ms);
   }
 
   // The source, its level table, and what the manifest says of both.
@@ -306,7 +308,7 @@ class Build {
   }
 
   Result<void> load_posts() {
-    limit_maps(kMapsWhileReading);
+    limit_maps(kMapsWhileReading, ResidentLimit::kFullSpeed);
     if (auto loaded = source_->load(
             lattice_, options_.base_height_m, options_.falloff_posts, scratch_dir_, report_.threads,
             [this](double fraction) { progress_.update(kReadShare * fraction, "reading"); }, options_.cancel);
@@ -346,7 +348,7 @@ class Build {
         return turned;
       }
     }
-    limit_maps(kMapsWhileBuilding);
+    limit_maps(kMapsWhileBuilding, kTileBytesPerMs * static_cast<std::uint64_t>(report_.threads + 1));
     return {};
   }
 

@@ -12,8 +12,6 @@
 namespace tind {
 namespace {
 
-/// Pages come in no faster than this, threads reading memory at full speed: how soon the limit may be reached.
-constexpr std::uint64_t kMostBytesPerMs = std::uint64_t{32} << 20;
 constexpr std::uint64_t kLeastPauseMs = 1, kMostPauseMs = 20;
 
 struct Resident {
@@ -21,11 +19,10 @@ struct Resident {
 };
 
 std::optional<Resident> read_resident() {
-  const int fd = ::open("/proc/self/statm", O_RDONLY | O_CLOEXEC);
+  static const int fd = ::open("/proc/self/statm", O_RDONLY | O_CLOEXEC);  // to open it takes longer than to read it
   if (fd < 0) return std::nullopt;
   std::array<char, 256> text{};
-  const ssize_t n = ::read(fd, text.data(), text.size());
-  ::close(fd);
+  const ssize_t n = ::pread(fd, text.data(), text.size(), 0);
   if (n <= 0) return std::nullopt;
   // Pages: size, resident, shared, ...
   std::array<std::uint64_t, 3> pages{};
@@ -47,8 +44,11 @@ std::optional<std::uint64_t> resident_bytes() {
   return resident ? std::optional(resident->all) : std::nullopt;
 }
 
-ResidentLimit::ResidentLimit(std::uint64_t limit_bytes)
-    : limit_bytes_(limit_bytes), threshold_(limit_bytes), thread_([this] { run(); }) {}
+ResidentLimit::ResidentLimit(std::uint64_t limit_bytes, std::uint64_t most_bytes_per_ms)
+    : limit_bytes_(limit_bytes),
+      most_bytes_per_ms_(std::max<std::uint64_t>(most_bytes_per_ms, 1)),
+      threshold_(limit_bytes),
+      thread_([this] { run(); }) {}
 
 ResidentLimit::~ResidentLimit() {
   {
@@ -87,7 +87,7 @@ void ResidentLimit::run() {
   while (!ended_) {
     lock.unlock();
     const std::uint64_t room = room_after_release();
-    const std::chrono::milliseconds pause(std::clamp(room / kMostBytesPerMs, kLeastPauseMs, kMostPauseMs));
+    const std::chrono::milliseconds pause(std::clamp(room / most_bytes_per_ms_, kLeastPauseMs, kMostPauseMs));
     lock.lock();
     wake_.wait_for(lock, pause, [this] { return ended_; });
   }

@@ -24,7 +24,12 @@ class ResidentLimit {
   /// What maps may take at least before they are dropped again.
   static constexpr std::uint64_t kLeastRoom = std::uint64_t{32} << 20;
 
-  explicit ResidentLimit(std::uint64_t limit_bytes);
+  /// Of threads that read memory at full speed.
+  static constexpr std::uint64_t kFullSpeed = std::uint64_t{32} << 20;
+
+  /// `most_bytes_per_ms`: how fast pages come in at most, that is, how soon the limit may be reached. The slower, the
+  /// fewer looks at the memory, which take a processor some 30 microseconds each, up to a thousand a second.
+  explicit ResidentLimit(std::uint64_t limit_bytes, std::uint64_t most_bytes_per_ms = kFullSpeed);
   ResidentLimit(const ResidentLimit&) = delete;
   ResidentLimit& operator=(const ResidentLimit&) = delete;
   /// Ends the thread.
@@ -41,7 +46,7 @@ class ResidentLimit {
   void run();
   std::uint64_t room_after_release();
 
-  const std::uint64_t limit_bytes_;
+  const std::uint64_t limit_bytes_, most_bytes_per_ms_;
   std::mutex release_mutex_;
   std::uint64_t threshold_;                       // where maps are dropped next
   std::uint64_t least_other_bytes_ = UINT64_MAX;  // file pages that were left after a release, at least
