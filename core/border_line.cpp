@@ -187,10 +187,11 @@ class RootEdgeRefiner {
     const double slope = (b_m - a_m) / (b_t - a_t);
     // Quantized-mesh rounds positions to 1/32767 of the side and heights to the level's step: samples are held to the
     // tolerance against that line, too.
-    const double served_step = static_cast<double>(field_.lattice.tile_side(level)) / kQuantizedSteps;
+    const std::int64_t side = field_.lattice.tile_side(level);
     const auto served = [&](const LineVertex& v) {
-      const std::int64_t corner = v.t / field_.lattice.tile_side(level) * field_.lattice.tile_side(level);
-      return static_cast<double>(corner) + std::round(static_cast<double>(v.t - corner) / served_step) * served_step;
+      const std::int64_t corner = v.t / side * side;
+      return static_cast<double>(corner) +
+             served_position(static_cast<double>(v.t - corner), static_cast<double>(side));
     };
     const double height_step = spec_.height_step_m[static_cast<std::size_t>(level)];
     const double served_a = served(a), served_length = served(b) - served_a;
@@ -219,7 +220,7 @@ class RootEdgeRefiner {
     }
     const double base = field_.base_height_m;
     if (std::abs(a_m - base) > tolerance || std::abs(b_m - base) > tolerance) {
-      const std::int64_t step = field_.lattice.tile_side(level) / kCellsPerTile;
+      const std::int64_t step = side / kCellsPerTile;
       for (std::int64_t t = (a.t / step + 1) * step; t < b.t; t += step) {
         const double real_t = static_cast<double>(t);
         if (!field_.covers(x_of(real_t), y_of(real_t))) consider(real_t, base, 0, 0);

@@ -11,6 +11,7 @@
 
 #include "core/drainage/flow_run.hpp"
 #include "core/error_queue.hpp"
+#include "core/format/quantized_mesh.hpp"
 #include "core/mesh.hpp"
 #include "core/tile_errors.hpp"
 #include "core/triangulator_posts.hpp"
@@ -25,6 +26,9 @@ __extension__ using Int128 = __int128;
 // A vertex is off its post by up to half a step each way: a constraint that passes so close may part them, and then
 // nothing holds the surface at the post. Such a constraint runs through the vertex instead.
 constexpr double kBesideSteps = 1.5;
+// Same for steps of quantized-mesh, which moves the vertex and the constraint by up to 0.71 of them each: a triangle
+// that is left between them turns over.
+constexpr double kBesideServedSteps = 1.5;
 
 // Refines one tile after the other; keeps its storage in between.
 class TileRefiner {
@@ -35,7 +39,8 @@ class TileRefiner {
     side_ = field.lattice.tile_side(task.key.level);
     west_ = side_ * task.key.x;
     south_ = side_ * task.key.y;
-    posts_.reset(field, task.key);
+    posts_.reset(field, task.key, has_vertex_served_far());
+    beside_ = std::max(kBesideSteps, kBesideServedSteps * static_cast<double>(side_) / kQuantizedSteps);
     scanner_.reset(field, task);
     TileSurface surface;
     insert_ring();
@@ -50,6 +55,17 @@ class TileRefiner {
   }
 
  private:
+  // Whether quantized-mesh moves a vertex that is there from the start further than half a step.
+  bool has_vertex_served_far() const {
+    const double side = static_cast<double>(side_);
+    const auto is_far = [side](const LocalVertex& v) {
+      return is_served_far(static_cast<double>(v.x), side) || is_served_far(static_cast<double>(v.y), side);
+    };
+    const auto any = [&](const auto& vertices) { return std::any_of(vertices.begin(), vertices.end(), is_far); };
+    return any(task_->initial) || std::any_of(task_->borders.begin(), task_->borders.end(), any) ||
+           std::any_of(task_->constraints.begin(), task_->constraints.end(), any);
+  }
+
   // ---- initial vertices --------------------------------------------------------------------------------------------
 
   void insert_ring() {
@@ -152,7 +168,7 @@ class TileRefiner {
       for (const std::int32_t e : {edge, mesh_.twin_of(edge)}) {
         if (e == Mesh::kNone) continue;
         const std::int32_t w = mesh_.opposite_of(e);
-        if (distance_to_edge(e, mesh_.vertex(w).x, mesh_.vertex(w).y) >= kBesideSteps || !is_shortened_by(a, b, w)) {
+        if (distance_to_edge(e, mesh_.vertex(w).x, mesh_.vertex(w).y) >= beside_ || !is_shortened_by(a, b, w)) {
           continue;
         }
         mesh_.release(e);
@@ -172,7 +188,7 @@ class TileRefiner {
     for (std::int32_t e = 4 * face; e < 4 * face + 3; ++e) {
       if (!mesh_.is_fixed(e)) continue;
       const double distance = distance_to_edge(e, x, y);
-      if (distance == 0 || distance >= kBesideSteps) continue;
+      if (distance == 0 || distance >= beside_) continue;
       mesh_.set_fixed(e, false);
       ends.push_back(mesh_.start_of(e));
       ends.push_back(mesh_.end_of(e));
@@ -237,6 +253,7 @@ class TileRefiner {
   const HeightField* field_ = nullptr;
   const TileTask* task_ = nullptr;
   std::int64_t side_ = 0, west_ = 0, south_ = 0;
+  double beside_ = 0;  // constraints that pass a vertex so closely run through it, lattice steps
   std::int32_t n_ring_ = 0;
   std::int32_t hint_ = 0;  // a face near the last vertex
   Mesh mesh_;

@@ -9,18 +9,20 @@
 
 namespace tind {
 
-void TilePosts::reset(const HeightField& field, const TileKey& key) {
+void TilePosts::reset(const HeightField& field, const TileKey& key, bool is_served_far) {
   field_ = &field;
   side_ = field.lattice.tile_side(key.level);
   west_ = side_ * key.x;
   south_ = side_ * key.y;
   nudge_ = 1e-5 + 1e-13 * static_cast<double>(field.lattice.width());
-  reach_ = static_cast<double>(side_) / kQuantizedSteps / 2 + nudge_;
   windows_.clear();
   covered_.clear();
   points_.clear();
   find_windows();
   find_posts();
+  if (!field.points.empty()) collect_points();
+  const double served_step = static_cast<double>(side_) / kQuantizedSteps;
+  reach_ = (is_served_far || has_post_served_far() ? served_step : served_step / 2) + nudge_;
   std::int64_t n = 0;
   for (PostWindow& w : windows_) {
     w.reach = {reach_ / w.dx, reach_ / w.dy};
@@ -36,7 +38,27 @@ void TilePosts::reset(const HeightField& field, const TileKey& key) {
     }
   }
   first_point_ = n;
-  if (!field.points.empty()) collect_points();
+}
+
+// Whether a post may become a vertex that quantized-mesh moves further than half a step.
+bool TilePosts::has_post_served_far() const {
+  const double side = static_cast<double>(side_);
+  // Posts become vertices at the lattice point nearest to them.
+  const auto is_far = [side](double at) { return is_served_far(static_cast<double>(floor_of(at + 0.5)), side); };
+  const auto any = [&](double first, double step, std::int64_t n) {
+    bool far = false;
+    // From both ends, as far as a step of quantized-mesh reaches.
+    for (std::int64_t k = 0; k < n && first + static_cast<double>(k) * step < side / kQuantizedSteps; ++k) {
+      far = far || is_far(first + static_cast<double>(k) * step);
+    }
+    for (std::int64_t k = n - 1; k >= 0 && side - first - static_cast<double>(k) * step < side / kQuantizedSteps; --k) {
+      far = far || is_far(first + static_cast<double>(k) * step);
+    }
+    return far;
+  };
+  return std::any_of(windows_.begin(), windows_.end(),
+                     [&](const PostWindow& w) { return any(w.x0, w.dx, w.n_cols) || any(w.y0, w.dy, w.n_rows); }) ||
+         std::any_of(points_.begin(), points_.end(), [&](const TilePoint& p) { return is_far(p.x) || is_far(p.y); });
 }
 
 void TilePosts::find_windows() {

@@ -73,14 +73,16 @@ struct TilePoint {
 /// outlive it.
 class TilePosts {
  public:
-  void reset(const HeightField& field, const TileKey& key);
+  /// `is_served_far`: some vertex that is there from the start is, a post that may become one or not.
+  void reset(const HeightField& field, const TileKey& key, bool is_served_far);
 
   const std::vector<PostWindow>& windows() const { return windows_; }
   std::size_t n_points() const { return points_.size(); }
   /// Degrees carry about 1e-13 of rounding: a post this close to a tile's side, in lattice steps, lies on it.
   double nudge() const { return nudge_; }
-  /// So far from a triangle on either axis, in lattice steps, posts are held against it: quantized-mesh rounds corners
-  /// by up to half a step of its own, and a post beside an edge comes to lie on the other side. docs/decisions/0003.
+  /// So far from a triangle on either axis, in lattice steps, posts are held against it: so far quantized-mesh moves
+  /// corners (half a step of its own, a whole one where that would put them on the tile's side), and a post beside an
+  /// edge comes to lie on the other side. docs/decisions/0003.
   double reach() const { return reach_; }
 
   /// Calls part(heights, origins, c_begin, c_end) for the posts [c_begin, c_end) of a row, from west to east in parts
@@ -161,6 +163,7 @@ class TilePosts {
             std::min({w.n_rows, e.row + e.n_rows, floor_of(rows.north()) + 1})};
   }
   void find_windows();
+  bool has_post_served_far() const;
   void find_posts();
   void find_covered_boxes();
   void collect_points();

@@ -136,8 +136,8 @@ FacePlane FaceScanner::served_plane_of(std::int32_t face, const FacePlane& plane
   double x[3], y[3], z[3];
   for (int i = 0; i < 3; ++i) {
     const Mesh::Vertex& v = mesh_.vertex(f.v[i]);
-    x[i] = nearest_whole(v.x / served_step_) * served_step_;
-    y[i] = nearest_whole(v.y / served_step_) * served_step_;
+    x[i] = served_position(v.x, side_);
+    y[i] = served_position(v.y, side_);
     z[i] = v.z * unit_m_;
     if (f.v[i] < n_ring_) z[i] = round_to_step(z[i], task_->height_step_m);
   }
@@ -213,14 +213,14 @@ FaceCandidate FaceScanner::scan(std::int32_t face) const {
 }
 
 // Bound of the distance of the served plane from the face's own, in the face, where no corner is on the border.
-// Quantized-mesh moves each corner by up to half a step s each way, so edges by s: the numerators N of the slopes
+// Quantized-mesh moves each corner by up to s / 2, the reach, each way, so edges by s: the numerators N of the slopes
 // change by at most (|bz| + |cz|) s, the doubled area A by at most (|bx| + |by| + |cx| + |cy|) s + 2 s^2. Where that
 // leaves A / 2, slopes stay within twice (|N| + (|bz| + |cz|) s) / A, and the planes differ at a corner, so anywhere
 // between them, by at most half a step times both slopes.
 double FaceScanner::served_distance(std::int32_t face, const FacePlane& plane) const {
   const Mesh::Face& f = mesh_.face(face);
   const Mesh::Vertex &a = mesh_.vertex(f.v[0]), &b = mesh_.vertex(f.v[1]), &c = mesh_.vertex(f.v[2]);
-  const double s = served_step_, area = mesh_.doubled_area(a, b, c);
+  const double s = 2 * posts_.reach(), area = mesh_.doubled_area(a, b, c);
   const double edges = std::abs(b.x - a.x) + std::abs(b.y - a.y) + std::abs(c.x - a.x) + std::abs(c.y - a.y);
   if (2 * (edges * s + 2 * s * s) > area) return task_->tolerance_m;
   const double rise = (std::abs(b.z - a.z) + std::abs(c.z - a.z)) * unit_m_;

@@ -46,7 +46,11 @@ class Rounder {
 
  private:
   std::uint32_t n_vertices() const { return static_cast<std::uint32_t>(node_.vertices.size()); }
-  std::int64_t nearest(std::int64_t lattice) const { return (2 * lattice * n_steps_ + side_) / (2 * side_); }
+  // What is inside stays inside, where there is a grid point for it.
+  std::int64_t nearest(std::int64_t lattice) const {
+    const std::int64_t steps = (2 * lattice * n_steps_ + side_) / (2 * side_);
+    return lattice <= 0 || lattice >= side_ || n_steps_ < 2 ? steps : std::clamp<std::int64_t>(steps, 1, n_steps_ - 1);
+  }
   Point nearest_scaled(std::uint32_t v) const {
     return {nearest(node_.vertices[v].x) * side_, nearest(node_.vertices[v].y) * side_};
   }

@@ -18,7 +18,8 @@ struct RoundedMesh {
 
 /// Rounds a tile's lattice positions to a coarser grid so that no triangle has zero area or turns over.
 ///
-/// Border vertices go to the nearest grid point of their side. Those that fall together become one by a rule that
+/// Vertices go to the nearest grid point, but none that is inside the tile on an axis goes to its sides there: one step
+/// beside them. Border vertices stay on their side. Those that fall together become one by a rule that
 /// sees the edge record alone (corners win, else the first in stored direction), so both tiles beside it agree. An
 /// interior vertex that cannot go to its nearest grid point goes to one nearby, and is dropped where none is free: the
 /// hole is triangulated again. The mesh is valid after every single step, by exact integer predicates, so the result

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
+#include <algorithm>
+#include <cmath>
 #include <span>
 
 #include "core/format/bytes.hpp"
@@ -12,6 +14,18 @@ namespace tind {
 
 /// Positions and heights of a tile are whole steps 0..32767 of its side and its height range.
 inline constexpr double kQuantizedSteps = 32767;
+
+/// Where quantized-mesh puts a coordinate of a vertex, 0 <= at <= side in local lattice steps: at the nearest multiple
+/// of side / kQuantizedSteps, but what is inside the tile stays a step away from its sides.
+inline double served_position(double at, double side) {
+  if (at <= 0 || at >= side) return at;
+  const double step = side / kQuantizedSteps, nearest = std::floor(at / step + 0.5);
+  return std::clamp(nearest, 1.0, kQuantizedSteps - 1) * step;
+}
+/// Whether that is further away than half a step.
+inline bool is_served_far(double at, double side) {
+  return at > 0 && at < side && std::min(at, side - at) < side / kQuantizedSteps / 2;
+}
 
 /// Smallest step of border heights in metres. With it every multiple up to 32 km is a 32-bit float, as the header of a
 /// tile needs; a level's own step is used where it is larger.

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
+#include <functional>
 #include <mutex>
 #include <string>
 #include <vector>
@@ -68,8 +69,11 @@ double scan_changed_triangles(const Run& run, const TileId& id, const Tessellate
 /// Largest error of the posts in `triangles` of a tile, each post in each triangle that it lies in; findings go to
 /// `check`. Metres, 0 when no post lies in one.
 struct SurfacePoint;
+/// `is_excused(x, y, height_m)`: asked of a post (steps from the SW corner) that is beyond E_L, whether that is only to
+/// be noted; none is where it is null.
+using IsExcused = std::function<bool(double x, double y, double height_m)>;
 double scan_surface(const Run& run, const TileId& id, const std::vector<std::array<SurfacePoint, 3>>& triangles,
-                    Check& check, const std::string& situation);
+                    Check& check, const std::string& situation, const IsExcused& is_excused = nullptr);
 /// .terrain tiles and layer.json.
 void fetch_terrain(Run& run);
 void check_terrain_borders(Run& run);

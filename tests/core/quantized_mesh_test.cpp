@@ -271,6 +271,33 @@ TEST(MeshRounding, KeepsEveryTrianglePositiveOnHostileMeshes) {
   EXPECT_GT(n_moved, 10u);
 }
 
+TEST(MeshRounding, KeepsWhatIsInsideOffTheSides) {
+  const Lattice lattice = make_lattice(12, 5);
+  const std::int64_t side = lattice.tile_side(0);
+  MeshMaker maker(side, 3);
+  const std::int64_t half_step = side / (2 * kSteps);
+  maker.insert(half_step / 3, side / 3, 7);
+  maker.insert(side - half_step / 2, side / 2, 9);
+  maker.insert(side / 2, half_step / 2, 11);
+  maker.insert(side / 3, side - 1, 13);
+  maker.insert(0, side - half_step / 2, 17);  // on a side, beside a corner
+  const VirtualNode node = maker.node({0, 0, 0});
+  const auto mesh = round_to_grid(node, side, kSteps);
+  ASSERT_TRUE(mesh.has_value()) << mesh.error().message;
+  EXPECT_EQ(mesh->triangles, node.triangles) << "nothing was dropped or mended";
+  for (std::size_t v = 0; v < node.vertices.size(); ++v) {
+    const std::array<std::int64_t, 2> at = {node.vertices[v].x, node.vertices[v].y};
+    for (std::size_t axis = 0; axis < 2; ++axis) {
+      const bool is_inside = at[axis] > 0 && at[axis] < side;
+      const auto steps = mesh->positions[v][axis];
+      EXPECT_EQ(steps > 0 && steps < kSteps, is_inside) << v;
+      const double exact = static_cast<double>(at[axis]), length = static_cast<double>(side);
+      EXPECT_DOUBLE_EQ(served_position(exact, length), steps * length / kSteps) << v;
+      EXPECT_EQ(is_served_far(exact, length), std::abs(exact * kSteps / length - steps) > 0.5) << v;
+    }
+  }
+}
+
 TEST(MeshRounding, RefusesWhatIsNoTriangulation) {
   const Lattice lattice = make_lattice(4, 3);
   const std::int64_t side = lattice.tile_side(2);

@@ -123,13 +123,17 @@ void add_lines(const TestField& f, std::uint64_t seed, int n, TileTask& task) {
   for (int k = 0; k < n; ++k) task.constraints.push_back({end_of_line(k, 0), end_of_line(k, 1 + k % 4)});
 }
 
-// Lengths of pieces of a segment that are covered by edges of the mesh, as a share of the segment.
-double covered_share(const Mesh& mesh, const LocalVertex& a, const LocalVertex& b) {
+// Quantized-mesh's positions of a tile.
+double served_step(const TestField& f) { return static_cast<double>(f.field.lattice.tile_side(kTile.level)) / 32767; }
+
+// Lengths of pieces of a segment that are covered by edges of the mesh, as a share of the segment. `width`: how far
+// beside it, in lattice steps, vertices count as on it.
+double covered_share(const Mesh& mesh, const LocalVertex& a, const LocalVertex& b, double width) {
   const double dx = static_cast<double>(b.x - a.x), dy = static_cast<double>(b.y - a.y), length2 = dx * dx + dy * dy;
-  // Position along the segment of a vertex on it (constraints give way by a step or two), -1 elsewhere.
+  // Position along the segment of a vertex on it, -1 elsewhere.
   const auto along = [&](const LocalVertex& v) {
     const double px = static_cast<double>(v.x - a.x), py = static_cast<double>(v.y - a.y);
-    if (std::abs(dx * py - dy * px) > 3 * std::sqrt(length2)) return -1.0;
+    if (std::abs(dx * py - dy * px) > width * std::sqrt(length2)) return -1.0;
     const double t = (px * dx + py * dy) / length2;
     return t >= -1e-12 && t <= 1 + 1e-12 ? t : -1.0;
   };
@@ -159,13 +163,101 @@ TEST(Triangulator, FollowsLinesAndKeepsThePromiseBesideThem) {
     EXPECT_GT(tile.surface.n_left_out, 0u);  // they do cross
     EXPECT_GT(tile.surface.n_of_lines, 20u);
     // The most important is there from end to end, and so are most of those that cross none before them.
-    EXPECT_GT(covered_share(mesh, tile.task.constraints[0][0], tile.task.constraints[0][1]), 0.999);
+    const double width = 3 * served_step(f);  // constraints give way to what is so close that rounding may part them
+    EXPECT_GT(covered_share(mesh, tile.task.constraints[0][0], tile.task.constraints[0][1], width), 0.999);
     std::size_t whole = 0;
-    for (const auto& [a, b] : tile.task.constraints) whole += covered_share(mesh, a, b) > 0.999;
+    for (const auto& [a, b] : tile.task.constraints) whole += covered_share(mesh, a, b, width) > 0.999;
     EXPECT_GE(whole + tile.surface.n_left_out, tile.task.constraints.size()) << "seed " << seed;
     for (const auto& piece : tile.task.constraints) {
       for (const LocalVertex& v : piece) EXPECT_THAT(tile.surface.interior, testing::Contains(v));
     }
+  }
+}
+
+// What the server would have to mend: the mesh as quantized-mesh rounds it.
+Mesh rounded(const TestField& f, Mesh mesh) {
+  const std::int64_t side = f.field.lattice.tile_side(kTile.level);
+  for (LocalVertex& v : mesh.vertices) {
+    for (std::int64_t* at : {&v.x, &v.y}) {  // in steps
+      if (*at <= 0 || *at >= side) {
+        *at = *at <= 0 ? 0 : 32767;
+      } else {
+        const auto steps = std::llround(static_cast<double>(*at) / served_step(f));
+        *at = std::clamp<std::int64_t>(steps, 1, 32766);
+      }
+    }
+  }
+  return mesh;
+}
+std::size_t n_not_positive(const Mesh& mesh) {
+  return static_cast<std::size_t>(std::count_if(mesh.triangles.begin(), mesh.triangles.end(), [&](const Triangle& t) {
+    const LocalVertex &a = mesh.vertices[t[0]], &b = mesh.vertices[t[1]], &c = mesh.vertices[t[2]];
+    return (b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x) <= 0;
+  }));
+}
+
+TEST(Triangulator, LeavesNoTriangleBesideALineThatRoundingTurnsOver) {
+  // Posts ten steps of quantized-mesh apart, and lines from post to post that pass others at a twentieth of a post.
+  constexpr int kFineLattice = 12;
+  const double spacing = std::ldexp(1.0, 16 + kFineLattice - kTile.level) / 3276.7 * 1.0007;
+  std::size_t n_beside = 0;
+  for (std::uint64_t seed = 1; seed <= 4; ++seed) {
+    GridPlace place = place_over(kTile.level, kTile.x, kTile.y, kFineLattice, spacing, 3);
+    place.n_rows = std::min<std::int64_t>(place.n_rows, 300);
+    place.n_cols = std::min<std::int64_t>(place.n_cols, 300);
+    const TestField f(place, rough_terrain(seed, 1000));
+    TestTile tile = make_task(f.field, spec_from(kTile.level, 60, kFiner, f.field.lattice), kTile);
+    const std::int64_t side = f.field.lattice.tile_side(kTile.level), west = side * kTile.x, south = side * kTile.y;
+    const auto post = [&](std::int64_t r, std::int64_t c) {
+      const std::int64_t x = std::llround(f.field.post_x(c)), y = std::llround(f.field.post_y(r));
+      return LocalVertex{x - west, y - south, f.field.lattice_height(x, y)};
+    };
+    for (std::int64_t k = 0; k < 12; ++k) {  // (8, 13) is half a post's area off the way by (11, 18)
+      const std::int64_t r = 20 + 22 * k, c = 20 + static_cast<std::int64_t>(200 * noise(seed, k, 1));
+      tile.task.constraints.push_back({post(r, c), post(r + 18, c + 11)});
+      tile.task.initial.push_back(post(r + 13, c + 8));
+      ++n_beside;
+    }
+    tile.surface = triangulate(f.field, tile.task);
+    const Mesh mesh = mesh_of(tile);
+    EXPECT_EQ(n_not_positive(rounded(f, mesh)), 0u) << "seed " << seed;
+    EXPECT_LE(check_posts(f.field, kTile, mesh).worst_m, 60) << "seed " << seed;
+  }
+  EXPECT_EQ(n_beside, 48u);
+}
+
+TEST(Triangulator, KeepsVerticesOffTheSidesWhenRounded) {
+  // A column and a row of posts less than half a step of quantized-mesh beside the tile's sides.
+  constexpr int kFineLattice = 12;
+  constexpr double kTolerance = 60;
+  const double side = std::ldexp(1.0, 16 + kFineLattice - kTile.level);
+  for (std::uint64_t seed = 1; seed <= 4; ++seed) {
+    GridPlace place = place_over(kTile.level, kTile.x, kTile.y, kFineLattice, side / 1000.003, 3);
+    place.n_rows = place.n_cols = 200;
+    place.x0 = kTile.x * side - 3 * place.dx + side / 32767 * 0.1;
+    place.y0 = kTile.y * side - 3 * place.dy + side / 32767 * 0.1;
+    const HeightAt rough = rough_terrain(seed, 20000);
+    const TestField f(place, [&](auto r, auto c) {  // down to the base height at the far rims: no cliffs there
+      return rough(r, c) * std::min(1.0, static_cast<double>(199 - std::max(r, c)) / 30);
+    });
+    TestTile tile = make_task(f.field, spec_from(kTile.level, kTolerance, kFiner, f.field.lattice), kTile);
+    const std::int64_t west = f.field.lattice.tile_side(kTile.level) * kTile.x;
+    const std::int64_t south = f.field.lattice.tile_side(kTile.level) * kTile.y;
+    for (std::int64_t k = 4; k < 200; k += 3) {  // as the parent may have them
+      for (const auto& [r, c] : {std::pair{k, std::int64_t{3}}, std::pair{std::int64_t{3}, k}}) {
+        const std::int64_t x = std::llround(f.field.post_x(c)), y = std::llround(f.field.post_y(r));
+        tile.task.initial.push_back({x - west, y - south, f.field.lattice_height(x, y)});
+      }
+    }
+    tile.surface = triangulate(f.field, tile.task);
+    Mesh mesh = mesh_of(tile);
+    const Mesh steps = rounded(f, mesh);
+    EXPECT_EQ(n_not_positive(steps), 0u);
+    for (std::size_t k = 0; k < mesh.vertices.size(); ++k) {
+      mesh.vertices[k].x = std::llround(static_cast<double>(steps.vertices[k].x) * served_step(f));
+      mesh.vertices[k].y = std::llround(static_cast<double>(steps.vertices[k].y) * served_step(f));
+    }
+    EXPECT_LE(check_posts(f.field, kTile, mesh).worst_m, kTolerance * (1 + 1e-3)) << "seed " << seed;
   }
 }
 
