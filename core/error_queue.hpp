@@ -13,12 +13,13 @@ namespace tind {
 /// The faces of a mesh that have a post beyond the tolerance, worst first by classes: errors in one class differ by
 /// less than 7 %, and of one class the face that came last is the first to go. So refinement stays near the place where
 /// it is, whose posts and faces are in the processor's cache; a heap in exact order hops about the tile. Entries are
-/// never taken back: who pops one checks that it still holds. Storage is kept from tile to tile. Not thread safe.
+/// never taken back: who pops one checks by its stamp that it still holds. Storage is kept from tile to tile. Not
+/// thread safe.
 class ErrorQueue {
  public:
   struct Entry {
     std::int32_t face = 0;
-    float error_m = 0;
+    std::uint32_t stamp = 0;  ///< As it was pushed: which scan of the face it comes from.
   };
 
   /// Forgets all entries. Preconditions: `tolerance_m` > 0, no error that follows is smaller.
@@ -28,10 +29,10 @@ class ErrorQueue {
     top_ = 0;
   }
 
-  void push(std::int32_t face, float error_m) {
+  void push(std::int32_t face, float error_m, std::uint32_t stamp) {
     const std::size_t at = class_of(error_m) - first_;
     if (at >= classes_.size()) classes_.resize(at + 1);
-    classes_[at].push_back({face, error_m});
+    classes_[at].push_back({face, stamp});
     top_ = std::max(top_, at);
   }
 

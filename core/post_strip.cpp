@@ -39,9 +39,9 @@ StripWorst worst_in_strip(const PostStrip& strip, const WidenedRows& triangle, c
 }
 
 StripErrors errors_in_strip(const PostStrip& strip, const TriangleRows& triangle, const PlaneOverPosts& plane,
-                            Registers registers) {
-  return kIsWide && registers == Registers::kWidest ? wide::errors_in_strip(strip, triangle, plane)
-                                                    : narrow::errors_in_strip(strip, triangle, plane);
+                            const SquareQuantum& quantum, Registers registers) {
+  return kIsWide && registers == Registers::kWidest ? wide::errors_in_strip(strip, triangle, plane, quantum.anchor())
+                                                    : narrow::errors_in_strip(strip, triangle, plane, quantum.anchor());
 }
 
 }  // namespace tind

@@ -7,6 +7,8 @@
 #include <vector>
 
 #include "core/mesh.hpp"
+#include "core/post_strip.hpp"
+#include "core/triangulator.hpp"
 #include "core/triangulator_posts.hpp"
 #include "core/triangulator_scan.hpp"
 #include "core/virtual_node.hpp"
@@ -18,40 +20,55 @@ namespace tind {
 class TileErrors {
  public:
   /// `vertices`: the triangles' corners by their index, local lattice steps; `side`: of the tile. `at_pole`: nothing
-  /// lies north of the tile, so the posts on its north side count, too.
+  /// lies north of the tile, so the posts on its north side count, too. `quantum`: that of
+  /// the tile's tolerance.
   TileErrors(const TilePosts& posts, const FaceScanner& scanner, std::span<const Mesh::Vertex> vertices,
-             std::span<const Triangle> triangles, double side, bool at_pole)
-      : posts_(posts), scanner_(scanner), vertices_(vertices), triangles_(triangles), side_(side), at_pole_(at_pole) {}
+             std::span<const Triangle> triangles, double side, bool at_pole, const SquareQuantum& quantum)
+      : posts_(posts),
+        scanner_(scanner),
+        vertices_(vertices),
+        triangles_(triangles),
+        side_(side),
+        at_pole_(at_pole),
+        quantum_(quantum) {}
 
-  /// Sets n_posts, max_error_m (never less than it is) and rmse_m. Works on `threads` >= 1 threads; the result does not
-  /// depend on them.
-  void measure(int threads, TileStats& stats) const;
+  /// Sets the surface's cells, and of its figures n_posts, max_error_m (never less than it is) and rmse_m, which are
+  /// made of the cells. Those of one cell depend on the mesh and the cell's own posts alone. Works on `threads` >= 1
+  /// threads; the result does not depend on them. 0 <= n_cell_levels <= kMostCellLevels.
+  void measure(int n_cell_levels, int threads, TileSurface& surface) const;
 
  private:
-  struct Sums : StripErrors {
-    void add(double error_m) {
-      largest_m = greater(error_m, largest_m);
-      sum_m2 += error_m * error_m;
-      ++n;
-    }
-    void add(const StripErrors& e) {
-      largest_m = greater(e.largest_m, largest_m);
-      sum_m2 += e.sum_m2;
-      n += e.n;
+  struct Sums {
+    double largest_m = 0;
+    std::uint64_t n = 0;
+    Quanta n_quanta = 0;
+    void add(const Sums& s) {
+      largest_m = greater(s.largest_m, largest_m);
+      n += s.n;
+      n_quanta += s.n_quanta;
     }
   };
-  // The posts of a window that count.
-  struct Measured {
+  // The posts of a cell in a window.
+  struct Cell {
     const PostWindow& window;
-    std::int64_t n_rows = 0, n_cols = 0;
+    PostBlocks::Extent posts;
     bool all_source = false;
   };
+  // The first row and the first column of each row and column of cells in a window, and their end.
+  struct CellLines {
+    std::vector<std::int64_t> rows, cols;
+  };
   class OfTriangle;
+  class Buckets;
 
-  Sums of_window(const PostWindow& w, int threads) const;
-  Sums of_triangles(const Measured& m, std::span<const Triangle> triangles) const;
-  Sums one_by_one(const Measured& m) const;
-  Sums of_points() const;
+  CellLines cell_lines(const PostWindow& w, int n_cell_levels) const;
+  void add_window(const PostWindow& w, const CellLines& lines, int threads, std::vector<CellErrors>& cells) const;
+  Sums of_triangles(const Cell& cell, std::span<const std::uint32_t> triangles, const SquareQuantum& quantum) const;
+  Sums one_by_one(const Cell& cell, const SquareQuantum& quantum) const;
+  Sums of_points(const SquareQuantum& quantum) const;
+  template <class Measure>
+  void add_with_fitting_quantum(Sums sums, Measure again, CellErrors& to) const;
+  PlanTriangle moved_plan_of(const Triangle& t) const;
   PlanTriangle plan_of(const Triangle& t) const {
     const Mesh::Vertex &a = vertices_[t[0]], &b = vertices_[t[1]], &c = vertices_[t[2]];
     return {{a.x, b.x, c.x}, {a.y, b.y, c.y}};
@@ -66,6 +83,7 @@ class TileErrors {
   const std::span<const Triangle> triangles_;
   const double side_;
   const bool at_pole_;
+  const SquareQuantum quantum_;
 };
 
 }  // namespace tind

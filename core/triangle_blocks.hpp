@@ -43,6 +43,14 @@ class TriangleBlocks {
     }
   }
 
+  /// From now on blocks that miss these posts of the window count as not met, too.
+  void clip(const PostBlocks::Extent& e) {
+    west_ = std::max(west_, static_cast<double>(e.col));
+    east_ = std::min(east_, static_cast<double>(e.col + e.n_cols - 1));
+    south_ = std::max(south_, static_cast<double>(e.row));
+    north_ = std::min(north_, static_cast<double>(e.row + e.n_rows - 1));
+  }
+
   /// Calls visit(block) for a few blocks that cover the triangle together.
   template <class Visit>
   void for_coarsest(Visit visit) const {

@@ -49,8 +49,9 @@ class TileRefiner {
     refine(threads, surface);
     extractor_.extract(mesh_, n_ring_, surface);
     const bool at_pole = task.key.y + 1 == TileKey::count_y(task.key.level);
-    TileErrors(posts_, scanner_, extractor_.vertices(), surface.triangles, static_cast<double>(side_), at_pole)
-        .measure(threads, surface.stats);
+    const TileErrors errors(posts_, scanner_, extractor_.vertices(), surface.triangles, static_cast<double>(side_),
+                            at_pole, SquareQuantum::of_scale(task.tolerance_m));
+    errors.measure(task.n_cell_levels, threads, surface);
     return surface;
   }
 
@@ -199,35 +200,36 @@ class TileRefiner {
   // ---- greedy insertion --------------------------------------------------------------------------------------------
 
   void scan(std::int32_t face) {
-    candidates_[static_cast<std::size_t>(face)] = scanner_.scan(face);
+    Scanned& scanned = scanned_[static_cast<std::size_t>(face)];
+    scanned.candidate = scanner_.scan(face);
+    ++scanned.stamp;
     queue(face);
   }
   void queue(std::int32_t face) {
-    const FaceCandidate& candidate = candidates_[static_cast<std::size_t>(face)];
-    if (candidate.post >= 0) queue_.push(face, candidate.error_m);
+    const Scanned& scanned = scanned_[static_cast<std::size_t>(face)];
+    if (scanned.candidate.post >= 0) queue_.push(face, scanned.candidate.error_m, scanned.stamp);
   }
 
   void refine(int threads, TileSurface& surface) {
     queue_.reset(static_cast<float>(task_->tolerance_m));
-    candidates_.resize(static_cast<std::size_t>(mesh_.n_faces()));
+    scanned_.assign(static_cast<std::size_t>(mesh_.n_faces()), {});
     constexpr std::int32_t kFacesOfJob = 256;
     for_each_job({threads, nullptr, {}}, (mesh_.n_faces() + kFacesOfJob - 1) / kFacesOfJob, [&](int, std::int64_t job) {
       const auto first = static_cast<std::int32_t>(job) * kFacesOfJob;
       for (std::int32_t f = first; f < std::min(first + kFacesOfJob, mesh_.n_faces()); ++f) {
-        candidates_[static_cast<std::size_t>(f)] = scanner_.scan(f);
+        scanned_[static_cast<std::size_t>(f)].candidate = scanner_.scan(f);
       }
     });
     for (std::int32_t f = 0; f < mesh_.n_faces(); ++f) queue(f);
     while (const auto next = queue_.pop()) {
-      const FaceCandidate candidate = candidates_[static_cast<std::size_t>(next->face)];
-      if (candidate.post < 0 || next->error_m != candidate.error_m) continue;
+      const auto [candidate, stamp] = scanned_[static_cast<std::size_t>(next->face)];
+      if (next->stamp != stamp) continue;
       posts_.prefetch_around(candidate.post);  // while the mesh makes room for it
       const auto [post_x, post_y] = posts_.position(candidate.post);
       const std::int64_t x = floor_of(post_x + 0.5), y = floor_of(post_y + 0.5);
-      const bool is_new = insert_post(next->face, x, y);
-      surface.n_inserted += is_new ? 1 : 0;
-      // A post beside the face may leave it as it is.
-      if (is_new && candidates_[static_cast<std::size_t>(next->face)].post != candidate.post) continue;
+      surface.n_inserted += insert_post(next->face, x, y) ? 1 : 0;
+      // A post whose lattice point has a vertex, or that lies beside the face, leaves the face as it is.
+      if (scanned_[static_cast<std::size_t>(next->face)].stamp != stamp) continue;
       scanner_.give_up(candidate.post);
       scan(next->face);
     }
@@ -245,7 +247,7 @@ class TileRefiner {
       const std::int32_t edge = mesh_.find_edge(v, end);
       if (edge != Mesh::kNone) mesh_.set_fixed(edge, true);
     }
-    candidates_.resize(static_cast<std::size_t>(mesh_.n_faces()));
+    scanned_.resize(static_cast<std::size_t>(mesh_.n_faces()));
     mesh_.for_faces_around(v, [this](std::int32_t f, int) { scan(f); });
     return true;
   }
@@ -260,7 +262,11 @@ class TileRefiner {
   TilePosts posts_;
   FaceScanner scanner_{mesh_, posts_};
   TileExtractor extractor_;
-  std::vector<FaceCandidate> candidates_;  // per face
+  struct Scanned {
+    FaceCandidate candidate;
+    std::uint32_t stamp = 0;  // counts the face's scans
+  };
+  std::vector<Scanned> scanned_;  // per face
   ErrorQueue queue_;
   std::vector<std::uint32_t> order_;
 };

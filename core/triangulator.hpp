@@ -27,13 +27,26 @@ struct TileTask {
   /// while it is refined, gone with it (Zheng et al. 2016, step 3). Ends on the border must be border vertices. A piece
   /// that would cross an earlier one is left out.
   std::vector<std::array<LocalVertex, 2>> constraints;
+  int n_cell_levels =
+      0;  ///< The tile's errors are summed up by its descendants so many levels down: 0..kMostCellLevels.
 };
+
+/// Errors of a tile's mesh at the posts of one of its cells: 2^n x 2^n squares, n = TileTask::n_cell_levels, row-major
+/// from the south-west.
+struct CellErrors {
+  std::uint64_t n_posts = 0;
+  double sum_m2 = 0;  ///< Of their squares.
+  float largest_m = 0;
+  friend bool operator==(const CellErrors&, const CellErrors&) = default;
+};
+inline constexpr int kMostCellLevels = 5;
 
 /// What refinement makes of it.
 struct TileSurface {
   std::vector<LocalVertex> interior;  ///< Morton order.
   std::vector<Triangle> triangles;    ///< Local order, counter-clockwise, smallest index first, sorted.
   TileStats stats;                    ///< Without coverage.
+  std::vector<CellErrors> cells;      ///< What stats' errors are made of, irregular posts apart.
   std::uint64_t n_inserted = 0;       ///< Vertices that greedy insertion added.
   std::uint64_t n_of_lines = 0;       ///< Interior vertices that only break lines brought in.
   std::uint64_t n_left_out = 0;       ///< Pieces of break lines that crossed another.

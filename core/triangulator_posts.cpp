@@ -208,13 +208,13 @@ std::pair<double, double> TilePosts::position(std::int64_t index) const {
 
 // The posts of a part of a window: sums of the blocks that lie in it, and rows of the others.
 template <class Sums, class Row>
-void TilePosts::for_posts(const PostWindow& w, std::int64_t n_rows, std::int64_t n_cols, Sums sums, Row row) const {
+void TilePosts::for_posts(const PostWindow& w, const PostBlocks::Extent& part, Sums sums, Row row) const {
   if (!has_blocks()) {
-    for (std::int64_t r = 0; r < n_rows; ++r) row(r, 0, n_cols);
+    for (std::int64_t r = part.row; r < part.row + part.n_rows; ++r) row(r, part.col, part.col + part.n_cols);
     return;
   }
   blocks().visit(
-      {w.field_row, w.field_col, n_rows, n_cols},
+      {w.field_row + part.row, w.field_col + part.col, part.n_rows, part.n_cols},
       [&](int level, std::int64_t i, std::int64_t j, bool inside) {
         if (inside) sums(blocks().sums(level, i, j));
         return inside;
@@ -224,11 +224,11 @@ void TilePosts::for_posts(const PostWindow& w, std::int64_t n_rows, std::int64_t
       });
 }
 
-std::uint64_t TilePosts::count_source(const PostWindow& w, std::int64_t n_rows, std::int64_t n_cols) const {
+std::uint64_t TilePosts::count_source(const PostWindow& w, const PostBlocks::Extent& part) const {
   std::uint64_t n = 0;
-  if (n_rows <= 0 || n_cols <= 0) return n;
+  if (part.n_rows <= 0 || part.n_cols <= 0) return n;
   for_posts(
-      w, n_rows, n_cols, [&](const PostBlockSums& sums) { n += sums.n_source; },
+      w, part, [&](const PostBlockSums& sums) { n += sums.n_source; },
       [&](std::int64_t r, std::int64_t c_begin, std::int64_t c_end) {
         for_parts(w, r, c_begin, c_end,
                   [&](const float*, const PostOrigin* origins, std::int64_t begin, std::int64_t end) {
@@ -259,7 +259,7 @@ std::pair<double, double> TilePosts::height_range() const {
                 });
     };
     for_posts(
-        w, w.n_rows, w.n_cols,
+        w, {0, 0, w.n_rows, w.n_cols},
         [&](const PostBlockSums& sums) {
           low = std::min(low, static_cast<double>(sums.min_height_m));
           high = std::max(high, static_cast<double>(sums.max_height_m));

@@ -115,8 +115,8 @@ class TilePosts {
     return field_->covers(x + static_cast<double>(west_), y + static_cast<double>(south_));
   }
 
-  /// Number of the source's own posts in rows [0, n_rows) and columns [0, n_cols) of a window.
-  std::uint64_t count_source(const PostWindow& w, std::int64_t n_rows, std::int64_t n_cols) const;
+  /// Number of the source's own posts in a part of a window.
+  std::uint64_t count_source(const PostWindow& w, const PostBlocks::Extent& part) const;
 
   /// Lowest and highest of all posts, metres; low > high when there is none.
   std::pair<double, double> height_range() const;
@@ -168,7 +168,7 @@ class TilePosts {
   void find_covered_boxes();
   void collect_points();
   template <class Sums, class Row>
-  void for_posts(const PostWindow& w, std::int64_t n_rows, std::int64_t n_cols, Sums sums, Row row) const;
+  void for_posts(const PostWindow& w, const PostBlocks::Extent& part, Sums sums, Row row) const;
   template <class Visit>
   void visit_points(const PlanTriangle& t, double reach, Visit visit) const;
   std::int64_t cell_col(double x) const {

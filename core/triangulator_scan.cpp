@@ -79,6 +79,9 @@ std::int64_t worst_in_row(const float* heights, std::int64_t c_first, std::int64
   return found;
 }
 
+// Least own error of posts that the served plane counts for: no limit.
+constexpr double kNoLeast = -1;
+
 double nearest_whole(double v) { return static_cast<double>(floor_of(v + 0.5)); }
 
 }  // namespace
@@ -161,16 +164,19 @@ bool FaceScanner::may_become_vertex(std::int32_t face, double x, double y, std::
 FaceCandidate FaceScanner::scan(std::int32_t face) const {
   const Mesh::Face& f = mesh_.face(face);
   const FacePlane plane = plane_of(face);
-  if (std::min({f.v[0], f.v[1], f.v[2]}) < n_ring_ || posts_.n_points() != 0) return scan_thoroughly(face, plane);
+  if (std::min({f.v[0], f.v[1], f.v[2]}) < n_ring_ || posts_.n_points() != 0) {
+    return scan_thoroughly(face, plane, kNoLeast);
+  }
 
   // First the mesh as it is: most faces are far within the tolerance or far beyond it.
   const double tolerance = task_->tolerance_m, moved_m = served_distance(face, plane) + served_rounding_m_;
   const PlanTriangle plan = mesh_.plan_of(face);
-  double worst = std::max(tolerance - moved_m, 0.0);
+  const double least_own_m = std::max(tolerance - moved_m, 0.0);
+  double worst = least_own_m;
   PostAt at;
   for (const PostWindow& w : posts_.windows()) {
     if (w.is_base_grid) {
-      if (!posts_.is_covered(plan)) return scan_thoroughly(face, plane);
+      if (!posts_.is_covered(plan)) return scan_thoroughly(face, plane, kNoLeast);
       continue;
     }
     const double per_col = plane.slope_x * w.dx;
@@ -209,7 +215,7 @@ FaceCandidate FaceScanner::scan(std::int32_t face) const {
   if (worst > tolerance && may_become_vertex(face, at.window->x(at.c), at.window->y(at.r), post)) {
     return {static_cast<float>(worst), post};
   }
-  return scan_thoroughly(face, plane);
+  return scan_thoroughly(face, plane, least_own_m);
 }
 
 // Bound of the distance of the served plane from the face's own, in the face, where no corner is on the border.
@@ -242,32 +248,42 @@ double FaceScanner::plane_bound(const FacePlane& plane, const PostWindow& w, con
   return std::max(high - static_cast<double>(block.low_m), static_cast<double>(block.high_m) - low) + rounding;
 }
 
-// Every post against the plane (or the guard) and the served plane.
-FaceCandidate FaceScanner::scan_thoroughly(std::int32_t face, const FacePlane& plane) const {
+// Every post against the plane (or the guard) and the served plane. The latter counts for posts whose own error is
+// above `least_own_m`, so that what the fast way leaves out stays out, whatever the face's other posts are.
+FaceCandidate FaceScanner::scan_thoroughly(std::int32_t face, const FacePlane& plane, double least_own_m) const {
   const PlanTriangle plan = mesh_.plan_of(face);
   const FacePlane served = served_plane_of(face, plane);
   const Guard guard = mesh_.is_at_side(face) ? guard_.of_face(mesh_, face, unit_m_) : Guard{};
   const bool is_fan = guard.kind == Guard::Kind::kFan;
-  const auto post_error = [&](double x, double y, double height_m) {
+  const double tolerance = task_->tolerance_m;
+  struct Worst {
+    double error_m;
+    std::int64_t post = -1;
+    bool is_below(double error, std::int64_t other) const {
+      return error > error_m || (error == error_m && post >= 0 && other < post);
+    }
+  };
+  Worst own_worst{tolerance}, served_worst{tolerance};
+  const auto consider = [&](double own, double served_error, double x, double y, std::int64_t post) {
+    if (own > tolerance) {
+      if (own_worst.is_below(own, post) && may_become_vertex(face, x, y, post)) own_worst = {own, post};
+    } else if (own_worst.post < 0 && served_worst.is_below(served_error, post) && own > least_own_m &&
+               may_become_vertex(face, x, y, post)) {
+      served_worst = {served_error, post};
+    }
+  };
+  const auto consider_at = [&](double x, double y, double height_m, std::int64_t post) {
     const double own =
         is_fan ? guard_.fan_error(guard, x, y, height_m) : std::abs(plane.at(x, y) - height_m) + guard.extra_m;
-    return std::max(own, std::abs(served.at(x, y) - height_m) + served_rounding_m_);
-  };
-  double worst = task_->tolerance_m;
-  std::int64_t worst_post = -1;
-  const auto consider = [&](double error, double x, double y, std::int64_t post) {
-    if (error == worst && (worst_post < 0 || post > worst_post)) return;
-    if (!may_become_vertex(face, x, y, post)) return;
-    worst = error;
-    worst_post = post;
+    consider(own, std::abs(served.at(x, y) - height_m) + served_rounding_m_, x, y, post);
   };
   for (const PostWindow& w : posts_.windows()) {
     if (w.is_base_grid) {
       if (posts_.is_covered(plan) || is_near_base(face, guard)) continue;
       TilePosts::for_rows(plan, w, [&](std::int64_t r, std::int64_t c_first, std::int64_t c_last) {
         for (std::int64_t c = c_first; c <= c_last; ++c) {
-          const double x = w.x(c), y = w.y(r), error = post_error(x, y, field_->base_height_m);
-          if (error >= worst && !posts_.is_covered(x, y)) consider(error, x, y, w.first_index + r * w.n_cols + c);
+          const double x = w.x(c), y = w.y(r);
+          if (!posts_.is_covered(x, y)) consider_at(x, y, field_->base_height_m, w.first_index + r * w.n_cols + c);
         }
       });
       continue;
@@ -276,37 +292,38 @@ FaceCandidate FaceScanner::scan_thoroughly(std::int32_t face, const FacePlane& p
       const double y = w.y(r), z = plane.at(w.x0, y), per_col = plane.slope_x * w.dx;
       const double served_z = served.at(w.x0, y), served_per_col = served.slope_x * w.dx;
       const std::int64_t row_index = w.first_index + r * w.n_cols;
-      posts_.for_parts(w, r, c_first, c_last + 1,
-                       [&](const float* heights, const PostOrigin* origins, std::int64_t c_begin, std::int64_t c_end) {
-                         double col = static_cast<double>(c_begin);
-                         for (std::int64_t c = c_begin; c < c_end; ++c, ++col) {
-                           const double height = static_cast<double>(heights[c - c_begin]);
-                           const double own = is_fan ? guard_.fan_error(guard, w.x(c), y, height)
-                                                     : std::abs(z + per_col * col - height) + guard.extra_m;
-                           const double error =
-                               std::max(own, std::abs(served_z + served_per_col * col - height) + served_rounding_m_);
-                           if (error >= worst && origins[c - c_begin] != PostOrigin::kInterpolated) {
-                             consider(error, w.x(c), y, row_index + c);
-                           }
-                         }
-                       });
+      posts_.for_parts(
+          w, r, c_first, c_last + 1,
+          [&](const float* heights, const PostOrigin* origins, std::int64_t c_begin, std::int64_t c_end) {
+            double col = static_cast<double>(c_begin);
+            for (std::int64_t c = c_begin; c < c_end; ++c, ++col) {
+              const double height = static_cast<double>(heights[c - c_begin]);
+              const double own = is_fan ? guard_.fan_error(guard, w.x(c), y, height)
+                                        : std::abs(z + per_col * col - height) + guard.extra_m;
+              const double served_error = std::abs(served_z + served_per_col * col - height) + served_rounding_m_;
+              if (std::max(own, served_error) > tolerance && origins[c - c_begin] != PostOrigin::kInterpolated) {
+                consider(own, served_error, w.x(c), y, row_index + c);
+              }
+            }
+          });
     };
     const TriangleInPosts in(plan, w);
     const WidenedRows rows(TriangleRows(in.u, in.v), w.reach);
     posts_.for_promising_boxes(
-        in, rows, w, worst,
+        in, rows, w, own_worst.error_m,
         [&](const PostBlock& block, const PostBlocks::Extent& e) {
-          return std::max(plane_bound(plane, w, block, e) + guard.extra_m + guard.finer_m,
-                          plane_bound(served, w, block, e) + served_rounding_m_);
+          const double own_m = plane_bound(plane, w, block, e) + guard.extra_m + guard.finer_m;
+          if (own_worst.post >= 0) return own_m;
+          return std::max(own_m, plane_bound(served, w, block, e) + served_rounding_m_);
         },
         [&](const PostBlocks::Extent& e) { TilePosts::for_rows_in_box(rows, w, e, row); });
   }
   posts_.for_points(plan, posts_.reach(), [&](std::uint32_t k, const TilePoint& p) {
-    const double error = post_error(p.x, p.y, p.height_m);
-    if (error >= worst) consider(error, p.x, p.y, posts_.index_of_point(k));
+    consider_at(p.x, p.y, p.height_m, posts_.index_of_point(k));
   });
-  if (worst_post < 0) return {};
-  return {static_cast<float>(worst), worst_post};
+  if (own_worst.post >= 0) return {static_cast<float>(own_worst.error_m), own_worst.post};
+  if (served_worst.post >= 0) return {static_cast<float>(tolerance), served_worst.post};
+  return {};
 }
 
 // A face whose corners (and finer borders) are within the tolerance of the base height is so everywhere.

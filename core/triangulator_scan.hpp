@@ -23,9 +23,9 @@ inline PlaneOverPosts plane_over(const FacePlane& p, const PostWindow& w) {
   return {p.z_a + p.slope_x * (w.x0 - p.x_a), p.slope_y, w.y0, w.dy, p.y_a, p.slope_x * w.dx};
 }
 
-/// The post of a face that is to become a vertex: the worst one beyond the tolerance.
+/// The post of a face that is to become a vertex.
 struct FaceCandidate {
-  float error_m = 0;       ///< 0: none.
+  float error_m = 0;       ///< Its claim to be the next one, the tolerance or more; 0: none.
   std::int64_t post = -1;  ///< TilePosts index.
 };
 
@@ -37,8 +37,10 @@ class FaceScanner {
 
   void reset(const HeightField& field, const TileTask& task);
 
-  /// The face's worst post beyond the tolerance as the mesh is and as quantized-mesh serves it, whatever finer borders
-  /// lie beside it; of those that may become vertices: that round to a free lattice point inside the tile.
+  /// Of the face's posts that may become vertices (that round to a free lattice point inside the tile) the worst one
+  /// beyond the tolerance as the mesh is, whatever finer borders lie beside it; where there is none, the worst one
+  /// beyond it as quantized-mesh serves the mesh, with the claim of one at the tolerance. Each post has a place in this
+  /// order of its own, whatever the face's other posts are.
   FaceCandidate scan(std::int32_t face) const;
 
   /// From now on this post is no candidate: its lattice point has a vertex.
@@ -55,7 +57,7 @@ class FaceScanner {
   double served_height_step() const;
   FacePlane plane_of(std::int32_t face) const;
   FacePlane served_plane_of(std::int32_t face, const FacePlane& plane) const;
-  FaceCandidate scan_thoroughly(std::int32_t face, const FacePlane& plane) const;
+  FaceCandidate scan_thoroughly(std::int32_t face, const FacePlane& plane, double least_own_m) const;
   double served_distance(std::int32_t face, const FacePlane& plane) const;
   bool may_become_vertex(std::int32_t face, double x, double y, std::int64_t post) const;
   bool is_near_base(std::int32_t face, const Guard& guard) const;

@@ -228,6 +228,7 @@ class PyramidBuilder {
     task.key = key;
     task.tolerance_m = spec_.tolerance_m[key.level];
     task.height_step_m = spec_.height_step_m[key.level];
+    task.n_cell_levels = std::min(kMostCellLevels, table_.bottom_level() - key.level);
     for (int b = 0; b < 4; ++b) set_border(field_.lattice, borders_.border(key, b), b, task);
     // The parent's vertices inside this quarter; those on the middle lines are on the border.
     const std::int64_t dx = key.x % 2 ? side : 0, dy = key.y % 2 ? side : 0;

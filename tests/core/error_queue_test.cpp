@@ -3,6 +3,7 @@
 
 #include <random>
 #include <set>
+#include <vector>
 
 #include <gtest/gtest.h>
 
@@ -16,16 +17,20 @@ TEST(ErrorQueue, GivesAllEntriesWorstClassFirst) {
   for (int turn = 0; turn < 3; ++turn) {
     queue.reset(1e-30f);
     std::set<std::int32_t> waiting;
+    std::vector<float> errors;
     float last = 1e30f;
     for (std::int32_t face = 0; face < 20'000; ++face) {
-      queue.push(face, error(random));
+      errors.push_back(error(random));
+      queue.push(face, errors.back(), static_cast<std::uint32_t>(face) + 7);
       waiting.insert(face);
     }
     while (const auto entry = queue.pop()) {
       EXPECT_EQ(waiting.erase(entry->face), 1u);
       // A later one is worse by less than a class.
-      EXPECT_LT(entry->error_m, last * (1 + 1 / 16.0f));
-      last = entry->error_m;
+      const float error_m = errors[static_cast<std::size_t>(entry->face)];
+      EXPECT_LT(error_m, last * (1 + 1 / 16.0f));
+      EXPECT_EQ(entry->stamp, static_cast<std::uint32_t>(entry->face) + 7);
+      last = error_m;
     }
     EXPECT_TRUE(waiting.empty());
   }
@@ -34,11 +39,11 @@ TEST(ErrorQueue, GivesAllEntriesWorstClassFirst) {
 TEST(ErrorQueue, AWorseFaceOvertakesAndOfOneClassTheLastGoesFirst) {
   ErrorQueue queue;
   queue.reset(1.0f);
-  queue.push(1, 2.0f);
-  queue.push(2, 2.01f);
+  queue.push(1, 2.0f, 0);
+  queue.push(2, 2.01f, 0);
   EXPECT_EQ(queue.pop()->face, 2);
-  queue.push(3, 50.0f);
-  queue.push(4, 1.0f);
+  queue.push(3, 50.0f, 0);
+  queue.push(4, 1.0f, 0);
   EXPECT_EQ(queue.pop()->face, 3);
   EXPECT_EQ(queue.pop()->face, 1);
   EXPECT_EQ(queue.pop()->face, 4);
@@ -49,10 +54,10 @@ TEST(ErrorQueue, StartsAnewEmpty) {
   ErrorQueue queue;
   EXPECT_FALSE(queue.pop());
   queue.reset(0.5f);
-  queue.push(1, 3.0f);
+  queue.push(1, 3.0f, 0);
   queue.reset(10.0f);
   EXPECT_FALSE(queue.pop());
-  queue.push(2, 10.0f);
+  queue.push(2, 10.0f, 0);
   EXPECT_EQ(queue.pop()->face, 2);
 }
 

@@ -70,13 +70,14 @@ class StripTest : public ::testing::Test {
         if (static_cast<double>(c) < west || static_cast<double>(c) >= east) continue;
         const double error = error_at(r, c);
         all.largest_m = std::max(all.largest_m, error);
-        all.sum_m2 += error * error;
+        all.n_quanta += quantum_.square(error);
         ++all.n;
       }
     }
     return all;
   }
 
+  const SquareQuantum quantum_ = SquareQuantum::of_scale(50);
   std::mt19937 random_{20161};
   std::vector<float> heights_;
   double u_[3] = {}, v_[3] = {};
@@ -131,15 +132,33 @@ TEST_F(StripTest, WorstIsThatOfAPlainLoop) {
   EXPECT_GT(n_none, 20'000);
 }
 
+TEST(SquareQuantum, CountsSquaresInWholeQuanta) {
+  const SquareQuantum quantum = SquareQuantum::of_scale(10);
+  EXPECT_EQ(quantum.quantum_m2(), 0x1p-36);
+  EXPECT_EQ(quantum.square(3), std::uint64_t{9} << 36);
+  EXPECT_EQ(quantum.square(0), 0u);
+  EXPECT_EQ(quantum.square(0.1), static_cast<std::uint64_t>(std::llround(0.01 * 0x1p36)));
+  EXPECT_EQ(quantum.square(127.9), static_cast<std::uint64_t>(std::llround(127.9 * 127.9 * 0x1p36)));
+  EXPECT_EQ(quantum.count(9), Quanta{9} << 36);
+  EXPECT_EQ(quantum.sum_m2(Quanta{9} << 36), 9);
+  for (const double scale_m : {1e-4, 0.3, 1.0, 10.0, 2e4}) {
+    const SquareQuantum own = SquareQuantum::of_scale(scale_m);
+    EXPECT_TRUE(own.fits(scale_m) && own.fits(0) && own.fits(scale_m / 200) && own.fits(scale_m * 7)) << scale_m;
+    EXPECT_FALSE(own.fits(scale_m / 1100) || own.fits(scale_m * 17)) << scale_m;
+  }
+}
+
 TEST_F(StripTest, ErrorsAreThoseOfAPlainLoop) {
   std::uint64_t n = 0;
   for (int k = 0; k < 200'000; ++k, next()) {
     const StripErrors expected = errors_one_by_one();
-    const StripErrors found = errors_in_strip(strip_, TriangleRows(u_, v_), plane_);
+    const StripErrors found = errors_in_strip(strip_, TriangleRows(u_, v_), plane_, quantum_);
     ASSERT_EQ(found.n, expected.n) << k;
     ASSERT_EQ(found.largest_m, expected.largest_m) << k;
-    ASSERT_NEAR(found.sum_m2, expected.sum_m2, 1e-12 * expected.sum_m2) << k;
-    ASSERT_EQ(errors_in_strip(strip_, TriangleRows(u_, v_), plane_, Registers::kNarrow).sum_m2, found.sum_m2) << k;
+    ASSERT_EQ(found.n_quanta, expected.n_quanta) << k;  // exact sums, so their order does not matter
+    ASSERT_EQ(errors_in_strip(strip_, TriangleRows(u_, v_), plane_, quantum_, Registers::kNarrow).n_quanta,
+              found.n_quanta)
+        << k;
     n += found.n;
   }
   EXPECT_GT(n, 500'000u);

@@ -397,6 +397,46 @@ TEST(Triangulator, GivesTheSameForAnyNumberOfThreads) {
   }
 }
 
+TEST(Triangulator, MeasuresEachCellOnceWhateverThreadsAndBlocksThereAre) {
+  TestField f = field_over(rough_terrain(9, 800));
+  for (std::size_t i = 0; i < f.origins.size(); i += 1 + i % 97) f.origins[i] = PostOrigin::kFilled;
+  TestTile tile = make_task(f.field, spec_from(kTile.level, 50, kFiner, f.field.lattice), kTile);
+  const TileSurface whole = triangulate(f.field, tile.task);
+  ASSERT_EQ(whole.cells.size(), 1u);
+  EXPECT_EQ(whole.cells[0].n_posts, whole.stats.n_posts);
+  for (const int n_levels : {1, 3, kMostCellLevels}) {
+    tile.task.n_cell_levels = n_levels;
+    const TileSurface surface = triangulate(f.field, tile.task);
+    ASSERT_EQ(surface.cells.size(), std::size_t{1} << (2 * n_levels));
+    EXPECT_EQ(surface.triangles, whole.triangles);
+    EXPECT_EQ(surface.stats.n_posts, whole.stats.n_posts);
+    EXPECT_EQ(surface.stats.max_error_m, whole.stats.max_error_m);
+    EXPECT_NEAR(surface.stats.rmse_m, whole.stats.rmse_m, 1e-5);
+    EXPECT_EQ(triangulate(f.field, tile.task, 3).cells, surface.cells);
+    std::uint64_t n_posts = 0;
+    float largest_m = 0;
+    for (const CellErrors& cell : surface.cells) {
+      n_posts += cell.n_posts;
+      largest_m = std::max(largest_m, cell.largest_m);
+      EXPECT_LE(cell.sum_m2, static_cast<double>(cell.n_posts) * std::pow(cell.largest_m, 2) * (1 + 1e-6));
+    }
+    EXPECT_EQ(n_posts, surface.stats.n_posts);
+    EXPECT_EQ(std::nextafter(largest_m, 1e30f), surface.stats.max_error_m);
+  }
+}
+
+// Errors far from the tolerance are squared with a finer or a coarser quantum.
+TEST(Triangulator, MeasuresErrorsFarFromTheTolerance) {
+  const auto slight = [](auto r, auto c) { return noise(5, r, c) * 1e-3; };
+  for (const double tolerance_m : {0.5, 5000.0}) {
+    const TestField f = field_over(slight);
+    const TestTile tile = build_tile(f.field, spec_from(kTile.level, tolerance_m, 1, f.field.lattice), kTile);
+    const PostCheck posts = check_posts(f.field, kTile, mesh_of(tile));
+    ASSERT_GT(posts.own_rmse_m, 1e-5);
+    EXPECT_NEAR(tile.surface.stats.rmse_m, posts.own_rmse_m, 1e-5 * posts.own_rmse_m) << tolerance_m;
+  }
+}
+
 TEST(Triangulator, KeepsBorderAndInitialVerticesAndLocalOrder) {
   const TestField f = field_over(rough_terrain(4, 700));
   const RefinementSpec spec = spec_from(kTile.level, 60, 2, f.field.lattice);
