@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstring>
 #include <vector>
 
 namespace tind {
@@ -13,13 +12,6 @@ namespace {
 struct Run {
   std::int64_t row, begin, end;
 };
-
-/// The first column from `col` on whose post is a void; n_cols: there is none.
-std::int64_t next_void(const PostOrigin* row, std::int64_t col, std::int64_t n_cols) {
-  static_assert(static_cast<int>(PostOrigin::kBase) == 0);
-  const void* at = std::memchr(row + col, 0, static_cast<std::size_t>(n_cols - col));
-  return at == nullptr ? n_cols : static_cast<const PostOrigin*>(at) - row;
-}
 
 /// The nearest post with a height for every void post of one row: squared distances from one-dimensional ones
 /// (Meijster, Roerdink, Hesselink 2000, "A general algorithm for computing distance transforms in linear time").
@@ -221,7 +213,7 @@ std::uint64_t add_falloff(PostGrid& grid, double base_height_m, std::int64_t fal
     voids.clear();
     for (std::int64_t c = next_void(row, 0, n_cols); c < n_cols; c = next_void(row, c, n_cols)) {
       const std::int64_t begin = c;
-      while (c < n_cols && row[c] == PostOrigin::kBase) ++c;
+      c = next_post(row, c, n_cols);
       voids.push_back({r, begin, c});
     }
     // Voids whose surroundings overlap share them. Only there may the nearest post lie.

@@ -272,12 +272,12 @@ Result<void> RasterMosaic::read_rows(std::size_t index, std::int64_t first_row, 
                                      std::vector<float>& heights_m, std::uint64_t& n_implausible) const {
   const RasterSource& s = sources[index];
   if (auto read = read_window(index, first_row, 0, n, s.n_used_cols, heights_m, n_implausible); !read) return read;
-  if (first_row + n == s.n_used_rows) {
-    impl_->readers[index].warper.reset();
-    impl_->files[index].dataset.reset();
-  }
+  if (first_row + n == s.n_used_rows) impl_->readers[index].warper.reset();
+  impl_->files[index].close_when_read(n);
   return {};
 }
+
+bool RasterMosaic::reads_in_parallel() const { return !warped && !impl_->shift; }
 
 Result<void> RasterMosaic::read_native_rows(std::size_t index, std::int64_t first_row, std::int64_t n,
                                             NativePosts& posts) const {

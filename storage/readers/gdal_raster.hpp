@@ -79,9 +79,12 @@ class RasterMosaic {
   /// Heights in metres of rows [first_row, first_row + n) of the used posts of source `s`, row-major, southernmost row
   /// first; NaN where the source has a void. `n_implausible` is increased by the cells beyond +-kMaxHeightM, which are
   /// voids too. kIo when the file cannot be read (truncated, damaged), kInvalidInput when a geoid grid does not reach
-  /// there. Cheapest when rows are read in ascending order; the last row closes the file.
+  /// there. Cheapest when rows are read in ascending order; the file is closed once as many rows were read as are used.
   Result<void> read_rows(std::size_t s, std::int64_t first_row, std::int64_t n, std::vector<float>& heights_m,
                          std::uint64_t& n_implausible) const;
+
+  /// Whether several threads may call read_rows() at a time.
+  bool reads_in_parallel() const;
 
   /// The same for a window of n_rows x n_cols from (row, col) of the used posts on, in any order of windows; the file
   /// stays open. Precondition: the window lies inside.

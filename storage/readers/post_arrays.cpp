@@ -9,6 +9,7 @@
 
 #include "core/drainage/flow_run.hpp"
 #include "storage/readers/scratch_file.hpp"
+#include "storage/readers/void_fill.hpp"
 
 namespace tind {
 namespace {
@@ -143,19 +144,32 @@ void PostArrays::attach(HeightField& field) const {
   field.origins = origins_;
 }
 
-Result<void> PostArrays::take_source(std::int64_t at, const float* heights_m, std::int64_t n) {
-  const auto first = static_cast<std::uint64_t>(at), count = static_cast<std::uint64_t>(n);
-  if (source_row_.size() < count) source_row_.assign(static_cast<std::size_t>(count), PostOrigin::kSource);
+Result<void> PostArrays::take(std::int64_t at, std::span<const float> heights_m, std::span<const PostOrigin> origins) {
+  // So many voids take as long to write as one more write does.
+  constexpr std::int64_t kMostVoids = 4096;
   const auto n_posts = static_cast<std::uint64_t>(n_rows_) * static_cast<std::uint64_t>(n_cols_);
-  if (map_.file().write(first * sizeof(float), heights_m, count * sizeof(float)) &&
-      map_.file().write(n_posts * sizeof(float) + first, source_row_.data(), count)) {
-    return {};
+  const auto n = static_cast<std::int64_t>(origins.size());
+  for (std::int64_t begin = next_post(origins.data(), 0, n); begin < n;) {
+    std::int64_t end = begin, next = begin;
+    while (next < n && next - end <= kMostVoids) {
+      end = next_void(origins.data(), next, n);
+      next = next_post(origins.data(), end, n);
+    }
+    const auto first = static_cast<std::uint64_t>(at + begin), count = static_cast<std::uint64_t>(end - begin);
+    if (!map_.file().write(first * sizeof(float), heights_m.data() + begin, count * sizeof(float)) ||
+        !map_.file().write(n_posts * sizeof(float) + first, origins.data() + begin, count)) {
+      return cannot_write(errno);
+    }
+    begin = next;
   }
-  return cannot_write(errno);
+  return {};
 }
 
 void PostArrays::build_blocks(HeightField& field, int threads, CancelFlag cancel) {
-  blocks_ = PostBlocks::build(field, block_memory_, threads, cancel, release_pages_around);
+  // Whoever reads arrays so small may keep them, and dropping pages to fault them in again takes time.
+  constexpr std::uint64_t kMostKept = std::uint64_t{160} << 20;
+  const auto release = n_bytes(field) > kMostKept ? release_pages_around : nullptr;
+  blocks_ = PostBlocks::build(field, block_memory_, threads, cancel, release);
   if (!is_set(cancel)) field.blocks = &blocks_;
 }
 

@@ -33,8 +33,10 @@ class PostArrays {
   PostGrid grid() const;
   /// Points the field at the arrays. Precondition: it has the grid's size.
   void attach(HeightField& field) const;
-  /// Makes the `n` posts from index `at` on posts of the source. kIo: the scratch file cannot be written.
-  Result<void> take_source(std::int64_t at, const float* heights_m, std::int64_t n);
+  /// Sets the posts from index `at` on, which are voids so far, in as few writes as there can be: a few thousand posts
+  /// at once cost a third of what they cost row by row. Long stretches of voids are left out. Thread safe for different
+  /// posts. kIo: the scratch file cannot be written. Precondition: as many origins as heights; voids have height 0.
+  Result<void> take(std::int64_t at, std::span<const float> heights_m, std::span<const PostOrigin> origins);
   /// Builds the blocks of the attached field's posts and points it at them; valid as long as this object, which must
   /// not move any more. When `cancel` is set it ends early and the field gets none.
   void build_blocks(HeightField& field, int threads, CancelFlag cancel);
@@ -56,7 +58,6 @@ class PostArrays {
   float* heights_m_ = nullptr;
   PostOrigin* origins_ = nullptr;
   std::span<std::byte> block_memory_;
-  std::vector<PostOrigin> source_row_;  ///< As many kSource as were taken at once.
   PostBlocks blocks_;
   std::unique_ptr<PostPages> pages_;
   std::unique_ptr<PostBlockPages> block_pages_;

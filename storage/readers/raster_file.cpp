@@ -389,6 +389,7 @@ Result<RasterFile> inspect_raster(const std::string& path, const RasterOptions& 
 
 Result<void> RasterFile::read_window(std::int64_t col, std::int64_t row, std::int64_t n_cols, std::int64_t n_rows,
                                      std::vector<float>& heights_m, std::uint64_t& n_implausible) {
+  std::unique_lock lock(*mutex_);
   if (!dataset) {
     if (auto opened = open_dataset(*this); !opened) return opened;
   }
@@ -414,10 +415,14 @@ Result<void> RasterFile::read_window(std::int64_t col, std::int64_t row, std::in
     return fail(ErrorKind::kIo, fmt::format("{}: reading rows {} to {} failed: the file is truncated or damaged{}",
                                             info.path, row, row + n_rows - 1, errors.detail()));
   }
+  lock.unlock();
   if (fits_float && !has_mask && scale == 1 && offset == 0) {
-    settle_metres(heights_m, n_implausible);
+    const CellSigns found = settle_metres(heights_m, n_implausible);
+    lock.lock();
+    signs.add(found);
     return {};
   }
+  CellSigns found;
   constexpr float kVoid = std::numeric_limits<float>::quiet_NaN();
   const auto nodata_float = static_cast<float>(nodata);
   for (std::size_t i = 0; i < n_values; ++i) {
@@ -433,17 +438,27 @@ Result<void> RasterFile::read_window(std::int64_t col, std::int64_t row, std::in
       }
     }
     if (std::isnan(heights_m[i])) {
-      signs.has_void = true;
+      found.has_void = true;
     } else if (heights_m[i] == 0) {
-      signs.has_zero = true;
+      found.has_zero = true;
     } else {
-      signs.lowest_other = std::min(signs.lowest_other, heights_m[i]);
+      found.lowest_other = std::min(found.lowest_other, heights_m[i]);
     }
   }
+  lock.lock();
+  signs.add(found);
   return {};
 }
 
-void RasterFile::settle_metres(std::vector<float>& heights_m, std::uint64_t& n_implausible) {
+void RasterFile::close_when_read(std::int64_t n_rows) {
+  const std::scoped_lock lock(*mutex_);
+  n_rows_read_ += n_rows;
+  if (n_rows_read_ < info.n_used_rows) return;
+  n_rows_read_ = 0;
+  dataset.reset();
+}
+
+CellSigns RasterFile::settle_metres(std::vector<float>& heights_m, std::uint64_t& n_implausible) const {
   constexpr float kInfinity = std::numeric_limits<float>::infinity(), kMost = static_cast<float>(kMaxHeightM);
   // A value that no float is marks none of them; a nodata value of a float32 band is rounded as its posts are.
   const auto as_float = static_cast<float>(nodata);
@@ -468,16 +483,18 @@ void RasterFile::settle_metres(std::vector<float>& heights_m, std::uint64_t& n_i
   }
   for (std::size_t i = n_whole; i < n; ++i) settle(i, 0);
   const auto any = [](std::uint32_t flag) { return flag != 0; };
-  signs.has_zero = signs.has_zero || std::any_of(is_zero.begin(), is_zero.end(), any);
-  signs.lowest_other = std::min(signs.lowest_other, *std::min_element(lowest.begin(), lowest.end()));
-  if (std::none_of(is_void.begin(), is_void.end(), any)) return;
-  signs.has_void = true;
+  CellSigns found;
+  found.has_zero = std::any_of(is_zero.begin(), is_zero.end(), any);
+  found.lowest_other = *std::min_element(lowest.begin(), lowest.end());
+  if (std::none_of(is_void.begin(), is_void.end(), any)) return found;
+  found.has_void = true;
   for (float& height : heights_m) {
     const bool marked = height == marker;
     if (!marked && std::abs(height) <= kMost) continue;
     if (!marked && std::isfinite(height)) ++n_implausible;
     height = std::numeric_limits<float>::quiet_NaN();
   }
+  return found;
 }
 
 }  // namespace tind

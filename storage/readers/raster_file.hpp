@@ -4,6 +4,8 @@
 #include <array>
 #include <cstdint>
 #include <limits>
+#include <memory>
+#include <mutex>
 #include <string>
 #include <vector>
 
@@ -25,10 +27,16 @@ double snap_origin(double degrees, double spacing);
 struct CellSigns {
   bool has_void = false, has_zero = false;
   float lowest_other = std::numeric_limits<float>::infinity();  ///< Of the cells that are neither void nor 0 m.
+
+  void add(const CellSigns& other) {
+    has_void = has_void || other.has_void;
+    has_zero = has_zero || other.has_zero;
+    lowest_other = std::min(lowest_other, other.lowest_other);
+  }
 };
 
 /// One input of a mosaic: all that its header says, and its cells as metres. Columns and rows are the file's, row 0
-/// first in the file. One thread at a time.
+/// first in the file. One thread at a time, but for read_window() and close_when_read().
 struct RasterFile {
   RasterSource info;
   std::string gdal_name;
@@ -54,13 +62,20 @@ struct RasterFile {
 
   /// Heights in metres of the cells [col, col + n_cols) x [row, row + n_rows), row-major in the file's order, NaN for
   /// voids; replaces `heights_m`. `n_implausible` is increased by the cells beyond +-kMaxHeightM, which are voids too.
-  /// kIo: truncated or damaged. Opens the file if need be. Precondition: the window lies inside the raster.
+  /// kIo: truncated or damaged. Opens the file if need be. Thread safe: GDAL reads one window at a time, what is left
+  /// to do is done side by side. Precondition: the window lies inside the raster.
   Result<void> read_window(std::int64_t col, std::int64_t row, std::int64_t n_cols, std::int64_t n_rows,
                            std::vector<float>& heights_m, std::uint64_t& n_implausible);
+  /// Notes that so many more of the used rows have been read, in any order; closes the file after as many as there are.
+  /// Thread safe.
+  void close_when_read(std::int64_t n_rows);
 
  private:
-  /// Turns values that are metres as they stand into heights: NaN for voids, and the signs noted.
-  void settle_metres(std::vector<float>& heights_m, std::uint64_t& n_implausible);
+  /// Turns values that are metres as they stand into heights: NaN for voids.
+  CellSigns settle_metres(std::vector<float>& heights_m, std::uint64_t& n_implausible) const;
+
+  std::unique_ptr<std::mutex> mutex_ = std::make_unique<std::mutex>();  ///< Of dataset and signs while rows are read.
+  std::int64_t n_rows_read_ = 0;                                        ///< Of the used ones.
 };
 
 /// A failure that begins with the file's path.

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <limits>
 #include <numeric>
 #include <span>
@@ -40,14 +41,11 @@ std::vector<Run> find_runs(const PostGrid& grid, const DataFrame& frame, std::ve
   for (std::int64_t r = frame.south_row; r <= frame.north_row; ++r) {
     row_start.push_back(runs.size());
     const PostOrigin* row = grid.origins + r * grid.n_cols;
-    for (std::int64_t c = frame.west_col; c <= frame.east_col;) {
-      if (row[c] != PostOrigin::kBase) {
-        ++c;
-        continue;
-      }
-      const std::int64_t begin = c;
-      while (c <= frame.east_col && row[c] == PostOrigin::kBase) ++c;
-      runs.push_back({r, begin, c});
+    const std::int64_t end = frame.east_col + 1;
+    for (std::int64_t begin = next_void(row, frame.west_col, end); begin < end;) {
+      const std::int64_t run_end = next_post(row, begin, end);
+      runs.push_back({r, begin, run_end});
+      begin = next_void(row, run_end, end);
     }
   }
   row_start.push_back(runs.size());
@@ -202,6 +200,21 @@ void fill_void(PostGrid& grid, const DataFrame& frame, std::span<const Run> runs
 }
 
 }  // namespace
+
+std::int64_t next_void(const PostOrigin* origins, std::int64_t from, std::int64_t n) {
+  static_assert(static_cast<int>(PostOrigin::kBase) == 0 && sizeof(PostOrigin) == 1);
+  const void* at = std::memchr(origins + from, 0, static_cast<std::size_t>(n - from));
+  return at == nullptr ? n : static_cast<const PostOrigin*>(at) - origins;
+}
+
+std::int64_t next_post(const PostOrigin* origins, std::int64_t from, std::int64_t n) {
+  for (std::uint64_t eight = 0; from + 8 <= n; from += 8) {
+    std::memcpy(&eight, origins + from, sizeof eight);
+    if (eight != 0) break;
+  }
+  while (from < n && origins[from] == PostOrigin::kBase) ++from;
+  return from;
+}
 
 std::uint64_t fill_interior_voids(PostGrid& grid, const DataFrame& frame) {
   std::vector<std::size_t> row_start;

@@ -18,6 +18,10 @@ struct PostGrid {
   CancelFlag cancel = nullptr;  ///< When it is set, the fills end early and the grid is of no use.
 };
 
+/// The first of posts [from, n) that is a void, or that is none; n: there is no such post.
+std::int64_t next_void(const PostOrigin* origins, std::int64_t from, std::int64_t n);
+std::int64_t next_post(const PostOrigin* origins, std::int64_t from, std::int64_t n);
+
 /// The bounding grid of the data inside a PostGrid (inclusive), and on which sides the world goes on beyond it (a pole
 /// is the end of the world, a grid that wraps has none in x).
 struct DataFrame {

@@ -60,13 +60,13 @@ class HeightGridTest : public ::testing::Test {
   }
 
   Result<HeightGrid> load(const std::vector<std::string>& paths, int falloff = 8, double base = 0,
-                          RasterOptions options = {}) {
+                          RasterOptions options = {}, int threads = 1) {
     auto mosaic = RasterMosaic::open(paths, options);
     if (!mosaic) return tl::unexpected(mosaic.error());
     Lattice lattice;
     lattice.level = 8;
     lattice.height_exponent = 6;
-    return HeightGrid::load(*mosaic, lattice, {base, falloff, folder_.string()}, {});
+    return HeightGrid::load(*mosaic, lattice, {base, falloff, folder_.string(), threads}, {});
   }
   /// The message of the failure; empty when there is none.
   std::string message(const std::vector<std::string>& paths, RasterOptions options = {}) {
@@ -296,6 +296,53 @@ TEST_F(HeightGridTest, OverlapIsTheMeanInAnyOrderOfArguments) {
   ASSERT_EQ(f.n_rows * f.n_cols, g.n_rows * g.n_cols);
   EXPECT_EQ(std::memcmp(f.heights_m, g.heights_m, sizeof(float) * static_cast<std::size_t>(f.n_rows * f.n_cols)), 0);
   EXPECT_EQ(std::memcmp(f.origins, g.origins, static_cast<std::size_t>(f.n_rows * f.n_cols)), 0);
+}
+
+TEST_F(HeightGridTest, AnyNumberOfThreadsReadsTheSame) {
+  // Several strips of rows, with one source, with both, and with a stretch that neither has.
+  const auto height = [](int r, int c) {
+    return r % 97 < 5 && c % 7 < 3 ? std::string("-9999") : number(r * 0.25 + c % 5);
+  };
+  const auto a = write_grid("a.asc", 10, 20, 0.01, 1700, 12, height);
+  const auto b = write_grid("b.asc", 10.05, 30, 0.01, 1500, 9, height),
+             c = write_grid("c.asc", 10, 50, 0.01, 30, 9, height);
+  const auto one = load({a, b, c}), three = load({a, b, c}, 8, 0, {}, 3);
+  ASSERT_TRUE(one) << one.error().message;
+  ASSERT_TRUE(three) << three.error().message;
+  const HeightField &f = one->field(), &g = three->field();
+  ASSERT_EQ(f.n_rows, g.n_rows);
+  ASSERT_EQ(f.n_cols, g.n_cols);
+  for (std::int64_t row = 0; row < f.n_rows; ++row) {
+    for (std::int64_t col = 0; col < f.n_cols; ++col) {
+      ASSERT_EQ(f.height_at(row, col), g.height_at(row, col)) << row << " " << col;
+      ASSERT_EQ(f.origin_at(row, col), g.origin_at(row, col)) << row << " " << col;
+    }
+  }
+  EXPECT_EQ(f.disagreement_m, g.disagreement_m);
+  EXPECT_GT(f.disagreement_m, 0);
+  EXPECT_EQ(one->counts().source, three->counts().source);
+  EXPECT_EQ(one->counts().overlapping, three->counts().overlapping);
+  EXPECT_EQ(one->counts().disagreeing, three->counts().disagreeing);
+  EXPECT_GT(one->counts().overlapping, 0u);
+}
+
+TEST_F(HeightGridTest, PostsFarApartInARowKeepTheirPlaces) {
+  const auto height = [](int r, int c) { return number(1 + 10 * r + c); };
+  const auto a = write_grid("a.asc", 10, 20, 0.01, 3, 4, height), b = write_grid("b.asc", 110, 20, 0.01, 3, 4, height);
+  const auto grid = load({a, b});
+  ASSERT_TRUE(grid) << grid.error().message;
+  const HeightField& f = grid->field();
+  ASSERT_EQ(f.n_cols, 10004 + 16);
+  for (int r = 0; r < 3; ++r) {
+    for (int c = 0; c < 4; ++c) {
+      for (const std::int64_t col : {8 + c, 10008 + c}) {
+        EXPECT_EQ(f.height_at(8 + r, col), 1 + 10 * r + c);
+        EXPECT_EQ(f.origin_at(8 + r, col), PostOrigin::kSource);
+      }
+    }
+    EXPECT_EQ(f.origin_at(8 + r, 5000), PostOrigin::kBase);
+  }
+  EXPECT_EQ(grid->counts().source, 24u);
 }
 
 TEST_F(HeightGridTest, UnitScaleAndOffsetOfTheFileAreHonouredAndFlagsOverride) {
