@@ -2,11 +2,19 @@
 #include "storage/readers/falloff.hpp"
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <vector>
 
+#include "core/drainage/flow_run.hpp"
+
 namespace tind {
 namespace {
+
+/// Rows that a thread takes at once for their nearest posts: many more than those around them that are looked at.
+constexpr std::int64_t kBandOfRows = 256;
+/// Rows that a thread relaxes before it says so.
+constexpr std::int64_t kRowsAtOnce = 16;
 
 /// Posts [begin, end) of one row. Columns may be unwrapped.
 struct Run {
@@ -101,7 +109,8 @@ class NearestInColumn {
   };
 
   bool has_height(std::int64_t r, std::int64_t c) const {
-    const PostOrigin origin = grid_.origins[r * grid_.n_cols + c];
+    // Another thread may be making a void a post of the falloff, which is none that counts here either.
+    const PostOrigin origin = std::atomic_ref(grid_.origins[r * grid_.n_cols + c]).load(std::memory_order_relaxed);
     return origin == PostOrigin::kSource || origin == PostOrigin::kFilled;
   }
   std::int64_t find_north(std::int64_t r, std::int64_t c) const {
@@ -159,34 +168,98 @@ void relax_run(PostGrid& grid, const Run& run, std::vector<float>& before) {
 
 /// Smooths the falloff posts in place; data and base posts are fixed. Runs are in the order of rows. A sweep goes from
 /// south to north, and the next one follows it a row behind: the rows at work fit into caches, and a large grid's pages
-/// are needed once.
-void relax_falloff(PostGrid& grid, const std::vector<Run>& runs) {
+/// are needed once. Threads share the sweeps: each begins a row when the sweeps before its own are through with it and
+/// with the row north of it.
+void relax_falloff(PostGrid& grid, const std::vector<Run>& runs, int threads) {
+  if (runs.empty()) return;
   std::vector<std::size_t> first(static_cast<std::size_t>(grid.n_rows) + 1, 0);  // run of each row
   for (const Run& run : runs) ++first[static_cast<std::size_t>(run.row) + 1];
   for (std::size_t r = 1; r < first.size(); ++r) first[r] += first[r - 1];
-  std::vector<float> before;
-  for (std::int64_t front = 0; front < grid.n_rows + kFalloffSweeps && !is_set(grid.cancel); ++front) {
-    for (std::int64_t row = std::min(front, grid.n_rows - 1);
-         row >= std::max<std::int64_t>(0, front - kFalloffSweeps + 1); --row) {
-      const auto r = static_cast<std::size_t>(row);
-      for (std::size_t k = first[r]; k < first[r + 1]; ++k) relax_run(grid, runs[k], before);
+  // Rows that a thread is through with. However it ends, those that wait for it go on.
+  struct alignas(64) Done {
+    std::atomic<std::int64_t> n_rows{0};
+
+    void set(std::int64_t rows) {
+      n_rows.store(rows, std::memory_order_release);
+      n_rows.notify_all();
     }
-  }
+    void wait_for(std::int64_t rows) const {
+      for (std::int64_t now = 0; (now = n_rows.load(std::memory_order_acquire)) < rows;) n_rows.wait(now);
+    }
+  };
+  struct AllDone {
+    Done& done;
+    std::int64_t n_rows;
+    ~AllDone() { done.set(n_rows); }
+  };
+  const int n_parts = std::clamp(threads, 1, kFalloffSweeps);
+  std::vector<Done> done(static_cast<std::size_t>(n_parts));
+  for_each_job({n_parts, grid.cancel, {}}, n_parts, [&](int, std::int64_t part) {
+    const AllDone at_end{done[static_cast<std::size_t>(part)], grid.n_rows};
+    const std::int64_t n_sweeps = kFalloffSweeps * (part + 1) / n_parts - kFalloffSweeps * part / n_parts;
+    std::vector<float> before;
+    for (std::int64_t front = 0; front < grid.n_rows + n_sweeps - 1 && !is_set(grid.cancel); ++front) {
+      if (part > 0) done[static_cast<std::size_t>(part - 1)].wait_for(std::min(front + 2, grid.n_rows));
+      const std::int64_t last = std::max<std::int64_t>(0, front - n_sweeps + 1);
+      for (std::int64_t row = std::min(front, grid.n_rows - 1); row >= last; --row) {
+        const auto r = static_cast<std::size_t>(row);
+        for (std::size_t k = first[r]; k < first[r + 1]; ++k) relax_run(grid, runs[k], before);
+      }
+      if (front + 1 >= n_sweeps && front % kRowsAtOnce == 0) at_end.done.set(last + 1);
+    }
+  });
 }
 
-}  // namespace
+/// Gives the voids of a band of rows that lie near posts the height of the nearest one, less the nearer the base is.
+class FalloffRows {
+ public:
+  FalloffRows(PostGrid& grid, double base_height_m, std::int64_t limit)
+      : grid_(grid), base_height_m_(base_height_m), limit_(limit), columns_(grid, limit) {}
 
-std::uint64_t add_falloff(PostGrid& grid, double base_height_m, std::int64_t falloff_posts) {
-  const std::int64_t limit = falloff_posts, n_cols = grid.n_cols;
-  NearestInColumn columns(grid, limit);
-  NearestInRow nearest;
-  std::vector<Run> voids, falloff;
-  std::uint64_t n_falloff = 0;
-  const auto settle = [&](const Run& run) {
-    float* heights = grid.heights_m + run.row * n_cols;
-    PostOrigin* origins = grid.origins + run.row * n_cols;
-    std::fill(heights + run.begin, heights + run.end, static_cast<float>(base_height_m));
-    const auto& hull = nearest.hull();
+  /// Adds the runs of falloff posts. Bands come in ascending order.
+  void settle(std::int64_t row_begin, std::int64_t row_end, std::vector<Run>& falloff) {
+    for (std::int64_t r = row_begin; r < row_end && !is_set(grid_.cancel); ++r) settle_row(r, falloff);
+  }
+
+ private:
+  void settle_row(std::int64_t r, std::vector<Run>& falloff) {
+    const std::int64_t n_cols = grid_.n_cols;
+    const PostOrigin* row = grid_.origins + r * n_cols;
+    voids_.clear();
+    for (std::int64_t c = next_void(row, 0, n_cols); c < n_cols; c = next_void(row, c, n_cols)) {
+      const std::int64_t begin = c;
+      c = next_post(row, c, n_cols);
+      voids_.push_back({r, begin, c});
+    }
+    // Voids whose surroundings overlap share them. Only there may the nearest post lie.
+    for (std::size_t first = 0, last = 0; first < voids_.size(); first = last) {
+      for (last = first + 1; last < voids_.size() && voids_[last].begin - limit_ <= voids_[last - 1].end + limit_;) {
+        ++last;
+      }
+      std::int64_t begin = voids_[first].begin - limit_, end = voids_[last - 1].end + limit_;
+      if (!grid_.wraps) {
+        begin = std::max<std::int64_t>(begin, 0);
+        end = std::min(end, n_cols);
+      }
+      nearest_.clear(begin);
+      for (std::int64_t col = begin; col < end; ++col) {
+        const NearestInColumn::Rows& rows = columns_.at(r, ((col % n_cols) + n_cols) % n_cols);
+        if (rows.south == NearestInColumn::kNone && rows.north == NearestInColumn::kNone) continue;
+        const bool south = rows.north == NearestInColumn::kNone ||
+                           (rows.south != NearestInColumn::kNone && r - rows.south <= rows.north - r);
+        const std::int64_t nearest_row = south ? rows.south : rows.north;
+        nearest_.add({col, nearest_row, (nearest_row - r) * (nearest_row - r)});
+      }
+      for (std::size_t k = first; k < last; ++k) settle_run(voids_[k], falloff);
+    }
+  }
+
+  void settle_run(const Run& run, std::vector<Run>& falloff) {
+    const std::int64_t n_cols = grid_.n_cols;
+    float* heights = grid_.heights_m + run.row * n_cols;
+    PostOrigin* origins = grid_.origins + run.row * n_cols;
+    std::fill(heights + run.begin, heights + run.end, static_cast<float>(base_height_m_));
+    const auto& hull = nearest_.hull();
     if (hull.empty()) return;
     auto entry = std::upper_bound(hull.begin(), hull.end(), run.begin,
                                   [](std::int64_t c, const NearestInRow::Entry& e) { return c < e.from; });
@@ -195,48 +268,46 @@ std::uint64_t add_falloff(PostGrid& grid, double base_height_m, std::int64_t fal
       while (entry + 1 != hull.end() && (entry + 1)->from <= c) ++entry;
       const NearestInRow::Site& site = entry->site;
       const std::int64_t distance2 = NearestInRow::gap(site, c);
-      if (distance2 >= limit * limit) continue;
-      const double share = 1.0 - std::sqrt(static_cast<double>(distance2)) / static_cast<double>(limit);
-      const double value = grid.heights_m[site.row * n_cols + ((site.col % n_cols) + n_cols) % n_cols];
-      heights[c] = static_cast<float>(base_height_m + share * (value - base_height_m));
-      origins[c] = PostOrigin::kFalloff;
-      ++n_falloff;
+      if (distance2 >= limit_ * limit_) continue;
+      const double share = 1.0 - std::sqrt(static_cast<double>(distance2)) / static_cast<double>(limit_);
+      const double value = grid_.heights_m[site.row * n_cols + ((site.col % n_cols) + n_cols) % n_cols];
+      heights[c] = static_cast<float>(base_height_m_ + share * (value - base_height_m_));
+      std::atomic_ref(origins[c]).store(PostOrigin::kFalloff, std::memory_order_relaxed);
       if (!falloff.empty() && falloff.back().row == run.row && falloff.back().end == c) {
         ++falloff.back().end;
       } else {
         falloff.push_back({run.row, c, c + 1});
       }
     }
-  };
-  for (std::int64_t r = 0; r < grid.n_rows && !is_set(grid.cancel); ++r) {
-    const PostOrigin* row = grid.origins + r * n_cols;
-    voids.clear();
-    for (std::int64_t c = next_void(row, 0, n_cols); c < n_cols; c = next_void(row, c, n_cols)) {
-      const std::int64_t begin = c;
-      c = next_post(row, c, n_cols);
-      voids.push_back({r, begin, c});
-    }
-    // Voids whose surroundings overlap share them. Only there may the nearest post lie.
-    for (std::size_t first = 0, last = 0; first < voids.size(); first = last) {
-      for (last = first + 1; last < voids.size() && voids[last].begin - limit <= voids[last - 1].end + limit;) ++last;
-      std::int64_t begin = voids[first].begin - limit, end = voids[last - 1].end + limit;
-      if (!grid.wraps) {
-        begin = std::max<std::int64_t>(begin, 0);
-        end = std::min(end, n_cols);
-      }
-      nearest.clear(begin);
-      for (std::int64_t col = begin; col < end; ++col) {
-        const NearestInColumn::Rows& rows = columns.at(r, ((col % n_cols) + n_cols) % n_cols);
-        if (rows.south == NearestInColumn::kNone && rows.north == NearestInColumn::kNone) continue;
-        const bool south = rows.north == NearestInColumn::kNone ||
-                           (rows.south != NearestInColumn::kNone && r - rows.south <= rows.north - r);
-        const std::int64_t nearest_row = south ? rows.south : rows.north;
-        nearest.add({col, nearest_row, (nearest_row - r) * (nearest_row - r)});
-      }
-      for (std::size_t k = first; k < last; ++k) settle(voids[k]);
-    }
   }
-  relax_falloff(grid, falloff);
+
+  PostGrid& grid_;
+  const double base_height_m_;
+  const std::int64_t limit_;
+  NearestInColumn columns_;
+  NearestInRow nearest_;
+  std::vector<Run> voids_;
+};
+
+}  // namespace
+
+std::uint64_t add_falloff(PostGrid& grid, double base_height_m, std::int64_t falloff_posts, int threads) {
+  const std::int64_t n_bands = (grid.n_rows + kBandOfRows - 1) / kBandOfRows;
+  std::vector<FalloffRows> workers;
+  for (int k = 0; k < threads; ++k) workers.emplace_back(grid, base_height_m, falloff_posts);
+  std::vector<std::vector<Run>> bands(static_cast<std::size_t>(n_bands));
+  for_each_job({threads, grid.cancel, {}}, n_bands, [&](int worker, std::int64_t band) {
+    const std::int64_t begin = band * kBandOfRows, end = std::min(begin + kBandOfRows, grid.n_rows);
+    workers[static_cast<std::size_t>(worker)].settle(begin, end, bands[static_cast<std::size_t>(band)]);
+  });
+  std::vector<Run> falloff;
+  std::uint64_t n_falloff = 0;
+  for (std::vector<Run>& band : bands) {
+    falloff.insert(falloff.end(), band.begin(), band.end());
+    band = {};
+  }
+  for (const Run& run : falloff) n_falloff += static_cast<std::uint64_t>(run.end - run.begin);
+  relax_falloff(grid, falloff, threads);
   return n_falloff;
 }
 

@@ -333,7 +333,7 @@ Result<HeightGrid> HeightGrid::load(const RasterMosaic& mosaic, const Lattice& l
   impl.notes.insert(impl.notes.end(), suspicions->begin(), suspicions->end());
   impl.counts.filled = fill_interior_voids(impl.grid, impl.frame);
   if (progress) progress(0.8);
-  impl.counts.falloff = add_falloff(impl.grid, options.base_height_m, *falloff);
+  impl.counts.falloff = add_falloff(impl.grid, options.base_height_m, *falloff, options.threads);
 
   HeightField& field = impl.field;
   const double height = static_cast<double>(lattice.height());

@@ -265,7 +265,7 @@ Result<PointGrid> PointGrid::load(const PointSource& source, const Lattice& latt
 
   // The fills know posts of the source only; what they leave as such is interpolated.
   impl.counts.filled = fill_interior_voids(impl.grid, impl.frame);
-  impl.counts.falloff = add_falloff(impl.grid, options.base_height_m, *falloff);
+  impl.counts.falloff = add_falloff(impl.grid, options.base_height_m, *falloff, options.threads);
   for (std::int64_t i = 0; i < impl.grid.n_rows * impl.grid.n_cols; ++i) {
     if (impl.grid.origins[i] != PostOrigin::kSource) continue;
     impl.grid.origins[i] = PostOrigin::kInterpolated;

@@ -81,6 +81,29 @@ TEST(Falloff, ReachesExactlyAsFarAsItsDistance) {
   }
 }
 
+TEST(Falloff, AnyNumberOfThreadsMakesTheSame) {
+  for (const bool wraps : {false, true}) {
+    const auto made_by = [wraps](int threads) {
+      std::mt19937 random(3);
+      World w(1700, 30, wraps);
+      for (std::int64_t r = 100; r < 1600; ++r) {
+        for (std::int64_t c = 0; c < w.grid.n_cols; ++c) {
+          if (std::bernoulli_distribution(0.01)(random)) w.set(r, c, static_cast<float>(random() % 900));
+        }
+      }
+      const std::uint64_t n = add_falloff(w.grid, 10, 40, threads);
+      EXPECT_EQ(n, static_cast<std::uint64_t>(std::count(w.origins.begin(), w.origins.end(), PostOrigin::kFalloff)));
+      return w;
+    };
+    const World one = made_by(1);
+    for (const int threads : {2, 3, 7, 100}) {
+      const World many = made_by(threads);
+      ASSERT_EQ(many.heights, one.heights) << threads;
+      ASSERT_EQ(many.origins, one.origins) << threads;
+    }
+  }
+}
+
 /// The posts that a void reaches from (r, c) over void posts, 4-connected, by brute force; true iff it is interior.
 bool is_interior(const World& w, std::int64_t r, std::int64_t c) {
   std::vector<bool> seen(w.heights.size());
