@@ -7,13 +7,15 @@
 #include <cmath>
 #include <cstring>
 #include <limits>
-#include <type_traits>
 
 #include "core/drainage/flow_run.hpp"
 #include "core/height_field.hpp"
 
 namespace tind {
 namespace {
+
+using Four = double __attribute__((vector_size(32)));
+using FourFloats = float __attribute__((vector_size(16)));
 
 constexpr float kInfinity = std::numeric_limits<float>::infinity();
 /// Share of the size of a plane's terms by which two double evaluations of a residual may differ, with room to spare:
@@ -80,14 +82,19 @@ struct LeafSums {
   float low = kInfinity, high = -kInfinity;
 };
 
-/// `n_cols`: kSide as a constant for the blocks that are not cut short, so that the loops below become vectors.
-template <class Cols>
-LeafSums sums_of_leaf(const float* heights, std::int64_t stride, std::int64_t n_rows, Cols n_cols) {
-  LeafSums s;
-  std::array<double, PostBlocks::kSide> by_col{}, weighted{};
+/// Sums over the rows of a block, column by column.
+struct ColumnSums {
+  std::array<double, PostBlocks::kSide> heights{}, weighted{};
   std::array<float, PostBlocks::kSide> low{}, high{};
-  low.fill(kInfinity);
-  high.fill(-kInfinity);
+};
+struct ColumnResiduals {
+  std::array<double, PostBlocks::kSide> low{}, high{}, squares{};
+};
+
+ColumnSums sums_of_columns(const float* heights, std::int64_t stride, std::int64_t n_rows, std::int64_t n_cols) {
+  ColumnSums s;
+  s.low.fill(kInfinity);
+  s.high.fill(-kInfinity);
   const double centre_row = static_cast<double>(n_rows - 1) / 2;
   for (std::int64_t r = 0; r < n_rows; ++r) {
     const float* row = heights + r * stride;
@@ -95,12 +102,58 @@ LeafSums sums_of_leaf(const float* heights, std::int64_t stride, std::int64_t n_
     for (std::int64_t c = 0; c < n_cols; ++c) {
       const auto k = static_cast<std::size_t>(c);
       const auto h = static_cast<double>(row[c]);
-      by_col[k] += h;
-      weighted[k] += weight * h;
-      low[k] = row[c] < low[k] ? row[c] : low[k];
-      high[k] = row[c] > high[k] ? row[c] : high[k];
+      s.heights[k] += h;
+      s.weighted[k] += weight * h;
+      s.low[k] = row[c] < s.low[k] ? row[c] : s.low[k];
+      s.high[k] = row[c] > s.high[k] ? row[c] : s.high[k];
     }
   }
+  return s;
+}
+
+/// From the plane `p`, counted from the block's south-western post.
+ColumnResiduals residuals_of_columns(const float* heights, std::int64_t stride, std::int64_t n_rows,
+                                     std::int64_t n_cols, const PostPlane& p) {
+  ColumnResiduals s;
+  s.low.fill(std::numeric_limits<double>::infinity());
+  s.high.fill(-std::numeric_limits<double>::infinity());
+  for (std::int64_t r = 0; r < n_rows; ++r) {
+    const float* row = heights + r * stride;
+    const double north = p.per_row_m * static_cast<double>(r);
+    for (std::int64_t c = 0; c < n_cols; ++c) {
+      const auto k = static_cast<std::size_t>(c);
+      const double residual = static_cast<double>(row[c]) - (p.origin_m + p.per_col_m * static_cast<double>(c) + north);
+      s.low[k] = residual < s.low[k] ? residual : s.low[k];
+      s.high[k] = residual > s.high[k] ? residual : s.high[k];
+      s.squares[k] += residual * residual;
+    }
+  }
+  return s;
+}
+
+namespace narrow {
+#include "core/post_blocks_loops.inc"
+}  // namespace narrow
+
+#if defined(__x86_64__) && !defined(__clang__)
+#pragma GCC push_options
+#pragma GCC target("avx2")
+namespace wide {
+#include "core/post_blocks_loops.inc"
+}  // namespace wide
+#pragma GCC pop_options
+const bool kIsWide = __builtin_cpu_supports("avx2");
+#else
+namespace wide = narrow;
+constexpr bool kIsWide = false;
+#endif
+
+LeafSums sums_of_leaf(const float* heights, std::int64_t stride, std::int64_t n_rows, std::int64_t n_cols) {
+  const bool whole = n_cols == PostBlocks::kSide;
+  const auto [by_col, weighted, low, high] = !whole    ? sums_of_columns(heights, stride, n_rows, n_cols)
+                                             : kIsWide ? wide::sums_of_columns(heights, stride, n_rows)
+                                                       : narrow::sums_of_columns(heights, stride, n_rows);
+  LeafSums s;
   const double centre_col = static_cast<double>(n_cols - 1) / 2;
   // Columns in pairs about the centre: a level block has slopes of exactly zero.
   for (std::int64_t c = 0; 2 * c < n_cols; ++c) {
@@ -121,32 +174,18 @@ struct LeafResiduals {
   double low, high, squares;
 };
 
-template <class Cols>
-LeafResiduals residuals_of_leaf(const float* heights, std::int64_t stride, std::int64_t n_rows, Cols n_cols,
+LeafResiduals residuals_of_leaf(const float* heights, std::int64_t stride, std::int64_t n_rows, std::int64_t n_cols,
                                 const PostPlane& p) {
-  std::array<double, PostBlocks::kSide> low{}, high{}, sum{}, east{};
-  low.fill(std::numeric_limits<double>::infinity());
-  high.fill(-std::numeric_limits<double>::infinity());
-  for (std::int64_t c = 0; c < n_cols; ++c) {
-    east[static_cast<std::size_t>(c)] = p.origin_m + p.per_col_m * static_cast<double>(c);
-  }
-  for (std::int64_t r = 0; r < n_rows; ++r) {
-    const float* row = heights + r * stride;
-    const double north = p.per_row_m * static_cast<double>(r);
-    for (std::int64_t c = 0; c < n_cols; ++c) {
-      const auto k = static_cast<std::size_t>(c);
-      const double residual = static_cast<double>(row[c]) - (east[k] + north);
-      low[k] = residual < low[k] ? residual : low[k];
-      high[k] = residual > high[k] ? residual : high[k];
-      sum[k] += residual * residual;
-    }
-  }
+  const bool whole = n_cols == PostBlocks::kSide;
+  const auto [low, high, squares] = !whole    ? residuals_of_columns(heights, stride, n_rows, n_cols, p)
+                                    : kIsWide ? wide::residuals_of_columns(heights, stride, n_rows, p)
+                                              : narrow::residuals_of_columns(heights, stride, n_rows, p);
   LeafResiduals all{low[0], high[0], 0};
   for (std::int64_t c = 0; c < n_cols; ++c) {
     const auto k = static_cast<std::size_t>(c);
     all.low = std::min(all.low, low[k]);
     all.high = std::max(all.high, high[k]);
-    all.squares += sum[k];
+    all.squares += squares[k];
   }
   return all;
 }
@@ -191,14 +230,10 @@ void PostBlocks::fit_leaf(const HeightField& field, std::int64_t i, std::int64_t
   const PostOrigin* origins = field.origins + e.row * field.n_cols + e.col;
   PostBlock block;
   PostBlockSums sums;
-  const bool whole = e.n_cols == kSide;
-  constexpr std::integral_constant<std::int64_t, kSide> kWhole{};
-  const LeafSums s = whole ? sums_of_leaf(heights, field.n_cols, e.n_rows, kWhole)
-                           : sums_of_leaf(heights, field.n_cols, e.n_rows, e.n_cols);
+  const LeafSums s = sums_of_leaf(heights, field.n_cols, e.n_rows, e.n_cols);
   set_plane(block, shape, s.sum, s.sum_cols, s.sum_rows);
   const PostPlane p = block.plane();
-  const LeafResiduals all = whole ? residuals_of_leaf(heights, field.n_cols, e.n_rows, kWhole, p)
-                                  : residuals_of_leaf(heights, field.n_cols, e.n_rows, e.n_cols, p);
+  const LeafResiduals all = residuals_of_leaf(heights, field.n_cols, e.n_rows, e.n_cols, p);
   const double size = std::abs(p.origin_m) + kSide * (std::abs(p.per_col_m) + std::abs(p.per_row_m)) +
                       std::max(std::abs(static_cast<double>(s.low)), std::abs(static_cast<double>(s.high)));
   block.low_m = float_below(all.low - kSlack * size);
