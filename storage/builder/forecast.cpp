@@ -47,7 +47,7 @@ constexpr double kTileFactor = 1.0, kLineFactor = 1.0, kMostReadSecondsPerPost =
 constexpr double kThreadEfficiency = 0.93;
 // Of the working copy: heights, origins and block pyramid a post; of drainage while it is derived.
 constexpr double kCopyBytesPerPost = 7.4, kDrainageBytesPerPost = 14, kPointBytes = 24;
-constexpr double kBaseMemory = 40e6, kMemoryPerThread = 20e6, kMemoryPerBorderVertex = 20, kResidentShare = 0.5;
+constexpr double kBaseMemory = 40e6, kMemoryPerThread = 20e6, kMemoryPerBorderVertex = 20, kResidentShare = 0.4;
 
 double seconds_since(Clock::time_point start) { return std::chrono::duration<double>(Clock::now() - start).count(); }
 
