@@ -24,7 +24,7 @@
 namespace tind {
 namespace {
 
-// Share of the whole work that reading takes, for the progress line.
+// Share of the whole work that reading and lines take, for the progress line: it is not known before levels are built.
 constexpr double kReadShare = 0.08;
 constexpr double kLineShare = 0.1;
 // Pages of posts and of the store are dropped beyond such a share of BuildOptions::memory_bytes: looking and dropping
@@ -311,7 +311,8 @@ class Build {
     limit_maps(kMapsWhileReading, ResidentLimit::kFullSpeed);
     if (auto loaded = source_->load(
             lattice_, options_.base_height_m, options_.falloff_posts, scratch_dir_, report_.threads,
-            [this](double fraction) { progress_.update(kReadShare * fraction, "reading"); }, options_.cancel);
+            [this](double fraction) { progress_.update_stage(kReadShare * fraction, "reading", fraction); },
+            options_.cancel);
         !loaded) {
       return loaded;
     }
@@ -325,7 +326,7 @@ class Build {
     const auto start = std::chrono::steady_clock::now();
     auto lines = make_surface_lines(
         source_->field(), table_, options_.lines, scratch_dir_, report_.threads, options_.cancel,
-        [this](double fraction) { progress_.update(kReadShare + kLineShare * fraction, "drainage"); },
+        [this](double fraction) { progress_.update_stage(kReadShare + kLineShare * fraction, "drainage", fraction); },
         [this] { limit_->enforce(); });
     if (!lines) return tl::unexpected(lines.error());
     lines_ = std::move(*lines);
@@ -361,10 +362,9 @@ class Build {
     source_->describe(m);
     m.lines = lines_.counts;
     m.options_json = options_to_json(asked_, options_, lines_).dump();
-    const double progress_from = options_.lines.drainage ? kReadShare + kLineShare : kReadShare;
     const PyramidInput input{field,           table_,        lines_.pyramid, report_.threads,
                              options_.cancel, m.shard_index, m.shard_count,  earlier_ ? &earlier_->snapshot : nullptr};
-    auto built = build_levels(input, *writer_, progress_, progress_from);
+    auto built = build_levels(input, *writer_, progress_);
     if (!built) return tl::unexpected(built.error());
     m.levels = std::move(built->levels);
     m.shard_cut_level = built->shard_cut_level;

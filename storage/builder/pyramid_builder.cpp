@@ -18,6 +18,7 @@
 #include "core/tessellation.hpp"
 #include "core/triangulator.hpp"
 #include "storage/builder/border_lines.hpp"
+#include "storage/builder/level_times.hpp"
 #include "storage/builder/ordered_pipeline.hpp"
 #include "storage/builder/plan.hpp"
 #include "storage/builder/shard.hpp"
@@ -77,17 +78,17 @@ using ParentPointer = std::shared_ptr<const ParentBody>;
 
 class PyramidBuilder {
  public:
-  PyramidBuilder(const PyramidInput& input, TileStoreWriter& writer, Progress& progress, double progress_from)
+  PyramidBuilder(const PyramidInput& input, TileStoreWriter& writer, Progress& progress)
       : input_(input),
         field_(input.field),
         table_(input.table),
         writer_(writer),
         progress_(progress),
-        progress_from_(progress_from),
         plan_(field_, table_.bottom_level()),
         shard_(plan_, input.shard_index, input.shard_count),
         borders_(field_.lattice),
-        posts_(field_, table_.bottom_level(), input.threads, input.cancel) {
+        posts_(field_, table_.bottom_level(), input.threads, input.cancel),
+        times_(table_.bottom_level() + 1) {
     const double bottom_m = table_.levels.back().tolerance_m;
     // What rounding may add outside the greedy loop: a post's height is kept as a float, a vertex's in height units.
     const double unit = field_.lattice.height_unit_m();
@@ -107,9 +108,10 @@ class PyramidBuilder {
       const auto start = std::chrono::steady_clock::now();
       LevelBreakdown parts;
       if (auto done = refine_lines(level); !done) return tl::unexpected(done.error());
-      auto info = build_level(level, parts);
+      auto info = build_level(level, start, parts);
       if (!info) return tl::unexpected(info.error());
       parts.seconds = seconds_since(start);
+      times_.finish_level(parts.seconds);
       if (info->max_error_m > info->tolerance_m) {
         progress_.note(
             fmt::format("level {}: the error at a post is {:.3f} m, above E_L = {:.3f} m: the tolerance is finer than "
@@ -413,7 +415,7 @@ class PyramidBuilder {
     return known;
   }
 
-  Result<LevelInfo> build_level(int level, LevelBreakdown& parts) {
+  Result<LevelInfo> build_level(int level, std::chrono::steady_clock::time_point start, LevelBreakdown& parts) {
     const std::vector<TileKey> tiles = shard_.filter(plan_.tiles(level));
     const std::vector<PieceKey> pieces = border_pieces_of(tiles);
     LevelInfo info;
@@ -461,8 +463,8 @@ class PyramidBuilder {
       }
       if (failed(append_tile(tiles[i], *tile, tally, parts))) return false;
       const double done = static_cast<double>(i + 1) / static_cast<double>(tiles.size());
-      progress_.update(progress_from_ + (1 - progress_from_) * work_share(level, done),
-                       fmt::format("level {} of {}", level, table_.bottom_level()));
+      progress_.update_left(fmt::format("level {} of {}", level, table_.bottom_level()),
+                            times_.left(done, seconds_since(start)));
       return !cancelled();
     };
     if (!run_ordered<In, Result<TileResult>>(tiles.size(), input_.threads, prepare, work, consume)) {
@@ -487,24 +489,11 @@ class PyramidBuilder {
     return keys;
   }
 
-  // Share of all levels' work done: it goes with the vertices, which are about half as many on each coarser level.
-  double work_share(int level, double done_of_level) const {
-    constexpr double kLeastWeight = 0.01;
-    const auto weight = [&](int l) { return std::exp2(l - table_.bottom_level()) + kLeastWeight; };
-    double before = 0, all = 0;
-    for (int l = 0; l <= table_.bottom_level(); ++l) {
-      if (l < level) before += weight(l);
-      all += weight(l);
-    }
-    return (before + done_of_level * weight(level)) / all;
-  }
-
   const PyramidInput& input_;
   const HeightField& field_;
   const LevelTable& table_;
   TileStoreWriter& writer_;
   Progress& progress_;
-  const double progress_from_;
   const TilePlan plan_;
   const ShardTiles shard_;
   RefinementSpec spec_;
@@ -512,14 +501,14 @@ class PyramidBuilder {
   const PostDigests posts_;
   TileKey last_parent_key_;
   ParentPointer last_parent_;
+  LevelTimes times_;
   PyramidOutcome outcome_;
 };
 
 }  // namespace
 
-Result<PyramidOutcome> build_levels(const PyramidInput& input, TileStoreWriter& writer, Progress& progress,
-                                    double progress_from) {
-  return PyramidBuilder(input, writer, progress, progress_from).run();
+Result<PyramidOutcome> build_levels(const PyramidInput& input, TileStoreWriter& writer, Progress& progress) {
+  return PyramidBuilder(input, writer, progress).run();
 }
 
 }  // namespace tind

@@ -54,9 +54,8 @@ struct PyramidOutcome {
 };
 
 /// Refines, encodes and appends all levels, coarse to fine. What the writer has from an interrupted run is not built
-/// again. `progress` goes from `progress_from` to 1. kIo when the store cannot be written, kInterrupted when cancelled.
+/// again. `progress` is told of the time left. kIo when the store cannot be written, kInterrupted when cancelled.
 /// The bytes do not depend on the number of threads, nor on what was taken over.
-Result<PyramidOutcome> build_levels(const PyramidInput& input, TileStoreWriter& writer, Progress& progress,
-                                    double progress_from);
+Result<PyramidOutcome> build_levels(const PyramidInput& input, TileStoreWriter& writer, Progress& progress);
 
 }  // namespace tind

@@ -6,11 +6,15 @@
 #include <cmath>
 #include <cstdio>
 #include <filesystem>
+#include <functional>
 #include <limits>
+#include <numeric>
 #include <string>
+#include <vector>
 
 #include "storage/builder/build_arguments.hpp"
 #include "storage/builder/duration.hpp"
+#include "storage/builder/level_times.hpp"
 #include "storage/builder/progress.hpp"
 #include "storage/builder/sample_window.hpp"
 #include "tests/client_checks/test_raster.hpp"
@@ -59,20 +63,68 @@ TEST(Duration, IsToldInItsTwoLargestUnits) {
   EXPECT_EQ(duration_text(std::nan("")), "years");
 }
 
-TEST(ProgressLines, AreFewOffATerminal) {
+std::string printed(const std::function<void(Progress&)>& work) {
   std::FILE* file = std::tmpfile();
-  ASSERT_NE(file, nullptr);
+  if (file == nullptr) return "no file";
   {
     Progress progress(file);
-    for (int i = 0; i <= 1000; ++i) progress.update(i / 1000.0, i < 500 ? "reading" : "level 3 of 4");
+    work(progress);
   }
   std::rewind(file);
   std::string text;
   for (int c; (c = std::fgetc(file)) != EOF;) text += static_cast<char>(c);
   std::fclose(file);
+  return text;
+}
+
+TEST(ProgressLines, AreFewOffATerminal) {
+  const std::string text = printed([](Progress& progress) {
+    for (int i = 0; i <= 1000; ++i) progress.update(i / 1000.0, i < 500 ? "reading" : "level 3 of 4");
+  });
   EXPECT_EQ(count_lines(text), 2u) << text;
   EXPECT_THAT(text, HasSubstr("  0%  ETA ...  reading\n"));
   EXPECT_THAT(text, HasSubstr(" 50%  ETA 1 s  level 3 of 4\n"));
+}
+
+TEST(ProgressLines, SayWhatIsKnownAndNeverGoBack) {
+  const std::string text = printed([](Progress& progress) {
+    progress.update_stage(0, "reading", 0);
+    progress.update_stage(0.4, "drainage", 0.5);
+    progress.update_left("level 1 of 2", 4000);  // less is done than was thought
+    progress.update_left("level 2 of 2", 0);
+  });
+  EXPECT_EQ(text,
+            "  0%  ETA ...  reading\n"
+            " 40%  ETA ...  drainage, 1 s more\n"
+            " 40%  ETA 1 h 06 min  level 1 of 2\n"
+            "100%  ETA 0 s  level 2 of 2\n");
+}
+
+// Seconds that a build's levels took, without what came before: what the ETA says while they are built must be near
+// what they take, on data where each level costs more than the one before and where all cost alike.
+TEST(LevelTimes, AreNearTheTruthOnRealBuilds) {
+  const std::vector<std::vector<double>> builds = {
+      {0.01, 0.01, 0.03, 0.06, 0.17, 0.30, 0.39, 0.58, 0.95, 1.61,
+       2.61},                                // 23 million posts to 10 m, half of all at E_10
+      {3.1, 3.3, 3.6, 4.2, 11, 13, 14, 21},  // a planet of 933 million posts to 50 m
+      {0.1, 0.2, 0.4, 0.8, 1.6, 3.2, 6.4, 12.8}};
+  for (const auto& seconds : builds) {
+    LevelTimes times(static_cast<int>(seconds.size()));
+    double left = std::accumulate(seconds.begin(), seconds.end(), 0.0);
+    const double all = left;
+    for (const double s : seconds) {
+      for (const double done : {0.25, 0.5, 0.75}) {
+        const double really = left - done * s;
+        if (really < 0.7 * all) {  // some levels tell
+          EXPECT_GT(times.left(done, done * s), 0.5 * really) << done << " of " << s;
+          EXPECT_LT(times.left(done, done * s), 2 * really) << done << " of " << s;
+        }
+      }
+      times.finish_level(s);
+      left -= s;
+    }
+    EXPECT_EQ(times.left(0, 0), 0);
+  }
 }
 
 class SampleWindow : public testing::Test {
