@@ -464,29 +464,35 @@ CellSigns RasterFile::settle_metres(std::vector<float>& heights_m, std::uint64_t
   const auto as_float = static_cast<float>(nodata);
   const bool marks = has_nodata && (is_float32 || static_cast<double>(as_float) == nodata);
   const float marker = marks ? as_float : std::numeric_limits<float>::quiet_NaN();
-  // Eight values at a time, for the vector unit.
-  constexpr std::size_t kLanes = 8;
-  std::array<float, kLanes> lowest{};
-  std::array<std::uint32_t, kLanes> is_void{}, is_zero{};
-  lowest.fill(kInfinity);
-  float* v = heights_m.data();
-  const auto settle = [&](std::size_t i, std::size_t k) {
-    const bool bad = !(std::abs(v[i]) <= kMost) || v[i] == marker;
-    is_void[k] |= bad ? 1u : 0u;
-    is_zero[k] |= v[i] == 0 && !bad ? 1u : 0u;
-    const float other = bad || v[i] == 0 ? kInfinity : v[i];
-    lowest[k] = other < lowest[k] ? other : lowest[k];
+  using Four = float __attribute__((vector_size(16)));
+  using FourBits = std::int32_t __attribute__((vector_size(16)));
+  constexpr std::size_t kLanes = 4;
+  Four lowest = Four{} + kInfinity;
+  FourBits all_sound = FourBits{} - 1, any_zero{};
+  const auto look_at = [&](const float* at) {
+    Four v;
+    std::memcpy(&v, at, sizeof v);
+    const FourBits sound = (v <= kMost) & (v >= -kMost) & (v != marker), zero = v == 0.0f;
+    all_sound &= sound;
+    any_zero |= zero & sound;
+    const Four other = (sound & ~zero) ? v : Four{} + kInfinity;
+    lowest = other < lowest ? other : lowest;
   };
-  const std::size_t n = heights_m.size(), n_whole = n / kLanes * kLanes;
-  for (std::size_t i = 0; i < n_whole; i += kLanes) {
-    for (std::size_t k = 0; k < kLanes; ++k) settle(i + k, k);
+  const std::size_t n = heights_m.size();
+  for (std::size_t i = 0; i + kLanes <= n; i += kLanes) look_at(heights_m.data() + i);
+  if (n % kLanes != 0) {
+    std::array<float, kLanes> last{};
+    for (std::size_t k = 0; k < kLanes; ++k) last[k] = heights_m[std::min(n / kLanes * kLanes + k, n - 1)];
+    look_at(last.data());
   }
-  for (std::size_t i = n_whole; i < n; ++i) settle(i, 0);
-  const auto any = [](std::uint32_t flag) { return flag != 0; };
   CellSigns found;
-  found.has_zero = std::any_of(is_zero.begin(), is_zero.end(), any);
-  found.lowest_other = *std::min_element(lowest.begin(), lowest.end());
-  if (std::none_of(is_void.begin(), is_void.end(), any)) return found;
+  bool has_void = false;
+  for (std::size_t k = 0; k < kLanes; ++k) {
+    has_void = has_void || all_sound[k] == 0;
+    found.has_zero = found.has_zero || any_zero[k] != 0;
+    found.lowest_other = std::min(found.lowest_other, lowest[k]);
+  }
+  if (!has_void) return found;
   found.has_void = true;
   for (float& height : heights_m) {
     const bool marked = height == marker;
