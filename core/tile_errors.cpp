@@ -128,10 +128,10 @@ class TileErrors::OfTriangle {
   std::int64_t row_first_ = 0, row_end_ = 0, col_first_ = 0, col_end_ = 0;
 };
 
-// The triangles that may meet each cell of a window, in order.
+// The triangles that may meet each wanted cell of a window, in order.
 class TileErrors::Buckets {
  public:
-  Buckets(const TileErrors& errors, const PostWindow& w, const CellLines& lines) {
+  Buckets(const TileErrors& errors, const PostWindow& w, const CellLines& lines, const std::vector<bool>& wanted) {
     const std::size_t n_triangles = errors.triangles_.size(), side = lines.rows.size() - 1;
     if (side == 1) {
       triangles_.resize(n_triangles);
@@ -154,7 +154,9 @@ class TileErrors::Buckets {
     first_.assign(side * side + 1, 0);
     const auto for_cells = [&](std::size_t k, auto visit) {
       for (std::size_t j = met[k].row; j < met[k].row_end; ++j) {
-        for (std::size_t i = met[k].col; i < met[k].col_end; ++i) visit(j * side + i);
+        for (std::size_t i = met[k].col; i < met[k].col_end; ++i) {
+          if (wanted[j * side + i]) visit(j * side + i);
+        }
       }
     };
     for (std::size_t k = 0; k < n_triangles; ++k) {
@@ -181,10 +183,17 @@ class TileErrors::Buckets {
   std::vector<std::size_t> first_;        // per cell, and the end
 };
 
-void TileErrors::measure(int n_cell_levels, int threads, TileSurface& surface) const {
+void TileErrors::measure(int n_cell_levels, int threads, const Known* known, TileSurface& surface) const {
   surface.cells.assign(std::size_t{1} << (2 * n_cell_levels), {});
+  std::vector<bool> wanted(surface.cells.size(), true);
+  if (known != nullptr) {
+    wanted = known->is_changed;
+    for (std::size_t k = 0; k < wanted.size(); ++k) {
+      if (!wanted[k]) surface.cells[k] = known->cells[k];
+    }
+  }
   for (const PostWindow& w : posts_.windows()) {
-    if (!w.is_base_grid) add_window(w, cell_lines(w, n_cell_levels), threads, surface.cells);
+    if (!w.is_base_grid) add_window(w, cell_lines(w, n_cell_levels), threads, wanted, surface.cells);
   }
   CellErrors all;
   const auto add = [&all](const CellErrors& cell) {
@@ -238,10 +247,10 @@ TileErrors::CellLines TileErrors::cell_lines(const PostWindow& w, int n_cell_lev
   return lines;
 }
 
-void TileErrors::add_window(const PostWindow& w, const CellLines& lines, int threads,
+void TileErrors::add_window(const PostWindow& w, const CellLines& lines, int threads, const std::vector<bool>& wanted,
                             std::vector<CellErrors>& cells) const {
   const std::size_t side = lines.rows.size() - 1;
-  const Buckets buckets(*this, w, lines);
+  const Buckets buckets(*this, w, lines, wanted);
   // Runs of cells' triangles: whole numbers are summed up, so it does not matter who adds what.
   constexpr std::size_t kMostRuns = 64, kLeastInRun = 256;
   const std::size_t in_run = std::max(kLeastInRun, triangles_.size() / kMostRuns);
@@ -256,7 +265,7 @@ void TileErrors::add_window(const PostWindow& w, const CellLines& lines, int thr
   for (std::size_t k = 0; k < cells.size(); ++k) {
     const std::size_t j = k / side, i = k % side;
     Cell cell{w, {lines.rows[j], lines.cols[i], lines.rows[j + 1] - lines.rows[j], lines.cols[i + 1] - lines.cols[i]}};
-    expected.push_back(posts_.count_source(w, cell.posts));
+    expected.push_back(wanted[k] ? posts_.count_source(w, cell.posts) : 0);
     cell.all_source = expected[k] == static_cast<std::uint64_t>(cell.posts.n_posts());
     parts.push_back(cell);
     if (expected[k] == 0) continue;
@@ -272,6 +281,7 @@ void TileErrors::add_window(const PostWindow& w, const CellLines& lines, int thr
   std::vector<Sums> found(cells.size());
   for (const Run& run : runs) found[run.cell].add(run.sums);
   for (std::size_t k = 0; k < cells.size(); ++k) {
+    if (!wanted[k]) continue;
     // Where two edges of a sliver cut a row within a rounding of a post, both or none of its neighbours may have it.
     const bool is_whole = found[k].n == expected[k];
     add_with_fitting_quantum(

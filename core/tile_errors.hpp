@@ -32,10 +32,16 @@ class TileErrors {
         at_pole_(at_pole),
         quantum_(quantum) {}
 
+  /// Errors of cells under the same mesh, to be taken over where no post has changed.
+  struct Known {
+    std::span<const CellErrors> cells;
+    std::vector<bool> is_changed;
+  };
+
   /// Sets the surface's cells, and of its figures n_posts, max_error_m (never less than it is) and rmse_m, which are
   /// made of the cells. Those of one cell depend on the mesh and the cell's own posts alone. Works on `threads` >= 1
-  /// threads; the result does not depend on them. 0 <= n_cell_levels <= kMostCellLevels.
-  void measure(int n_cell_levels, int threads, TileSurface& surface) const;
+  /// threads; the result does not depend on them. 0 <= n_cell_levels <= kMostCellLevels; `known` may be null.
+  void measure(int n_cell_levels, int threads, const Known* known, TileSurface& surface) const;
 
  private:
   struct Sums {
@@ -62,7 +68,8 @@ class TileErrors {
   class Buckets;
 
   CellLines cell_lines(const PostWindow& w, int n_cell_levels) const;
-  void add_window(const PostWindow& w, const CellLines& lines, int threads, std::vector<CellErrors>& cells) const;
+  void add_window(const PostWindow& w, const CellLines& lines, int threads, const std::vector<bool>& wanted,
+                  std::vector<CellErrors>& cells) const;
   Sums of_triangles(const Cell& cell, std::span<const std::uint32_t> triangles, const SquareQuantum& quantum) const;
   Sums one_by_one(const Cell& cell, const SquareQuantum& quantum) const;
   Sums of_points(const SquareQuantum& quantum) const;

@@ -34,6 +34,48 @@ constexpr double kBesideServedSteps = 1.5;
 class TileRefiner {
  public:
   TileSurface run(const HeightField& field, const TileTask& task, int threads) {
+    begin(field, task);
+    TileSurface surface;
+    triangulate(threads, surface);
+    const TileErrors errors = errors_of(surface);
+    errors.measure(task.n_cell_levels, threads, nullptr, surface);
+    if (task.n_cell_levels > 0 && can_be_repeated(field)) {
+      posts_.find_posts_of(surface.interior, of_vertices_);
+      surface.vertex_posts = {scanner_.served_step_m(), of_vertices_.heights_m};
+    }
+    return surface;
+  }
+
+  std::optional<TileSurface> repeat(const HeightField& field, const TileTask& task, const EarlierTile& earlier,
+                                    int threads) {
+    begin(field, task);
+    posts_.find_posts_of(earlier.interior, of_vertices_);
+    VertexPosts vertex_posts{scanner_.served_step_m(), of_vertices_.heights_m};
+    if (earlier.cells.size() != std::size_t{1} << (2 * task.n_cell_levels) || !earlier.has(vertex_posts)) return {};
+    TileErrors::Known known{earlier.cells, std::vector<bool>(earlier.cells.size())};
+    std::vector<PlanBox> changed;
+    for (const TileKey& key : earlier.changed) add_changed(key, changed, known.is_changed);
+    if (!posts_.restrict_to(of_vertices_, changed)) return {};
+    TileSurface surface;
+    earlier_ = &earlier;
+    const bool is_same = triangulate(threads, surface);
+    earlier_ = nullptr;
+    posts_.lift_restriction();
+    if (!is_same || !std::equal(surface.interior.begin(), surface.interior.end(), earlier.interior.begin(),
+                                earlier.interior.end())) {
+      return {};
+    }
+    if (!std::equal(surface.triangles.begin(), surface.triangles.end(), earlier.triangles.begin(),
+                    earlier.triangles.end())) {
+      return {};
+    }
+    errors_of(surface).measure(task.n_cell_levels, threads, &known, surface);
+    surface.vertex_posts = std::move(vertex_posts);
+    return surface;
+  }
+
+ private:
+  void begin(const HeightField& field, const TileTask& task) {
     field_ = &field;
     task_ = &task;
     side_ = field.lattice.tile_side(task.key.level);
@@ -42,20 +84,8 @@ class TileRefiner {
     posts_.reset(field, task.key, has_vertex_served_far());
     beside_ = std::max(kBesideSteps, kBesideServedSteps * static_cast<double>(side_) / kQuantizedSteps);
     scanner_.reset(field, task);
-    TileSurface surface;
-    insert_ring();
-    insert_inside(task.initial);
-    insert_constraints(surface);
-    refine(threads, surface);
-    extractor_.extract(mesh_, n_ring_, surface);
-    const bool at_pole = task.key.y + 1 == TileKey::count_y(task.key.level);
-    const TileErrors errors(posts_, scanner_, extractor_.vertices(), surface.triangles, static_cast<double>(side_),
-                            at_pole, SquareQuantum::of_scale(task.tolerance_m));
-    errors.measure(task.n_cell_levels, threads, surface);
-    return surface;
   }
 
- private:
   // Whether quantized-mesh moves a vertex that is there from the start further than half a step.
   bool has_vertex_served_far() const {
     const double side = static_cast<double>(side_);
@@ -65,6 +95,53 @@ class TileRefiner {
     const auto any = [&](const auto& vertices) { return std::any_of(vertices.begin(), vertices.end(), is_far); };
     return any(task_->initial) || std::any_of(task_->borders.begin(), task_->borders.end(), any) ||
            std::any_of(task_->constraints.begin(), task_->constraints.end(), any);
+  }
+
+  // Of the restricted posts, if they are. False, and it ends early, where the mesh will not be the earlier one.
+  bool triangulate(int threads, TileSurface& surface) {
+    insert_ring();
+    insert_inside(task_->initial);
+    insert_constraints(surface);
+    if (!refine(threads, surface)) return false;
+    extractor_.extract(mesh_, n_ring_, surface);
+    return true;
+  }
+
+  TileErrors errors_of(const TileSurface& surface) const {
+    const bool at_pole = task_->key.y + 1 == TileKey::count_y(task_->key.level);
+    return {posts_,
+            scanner_,
+            extractor_.vertices(),
+            surface.triangles,
+            static_cast<double>(side_),
+            at_pole,
+            SquareQuantum::of_scale(task_->tolerance_m)};
+  }
+
+  // A descendant's box, and the cells that it meets.
+  void add_changed(const TileKey& key, std::vector<PlanBox>& boxes, std::vector<bool>& cells) const {
+    const std::int64_t side = field_->lattice.tile_side(key.level);
+    const double west = static_cast<double>(side * key.x - west_), south = static_cast<double>(side * key.y - south_);
+    boxes.push_back({west, south, west + static_cast<double>(side), south + static_cast<double>(side)});
+    const int n_levels = task_->n_cell_levels;
+    const std::int64_t cell_side = side_ >> n_levels, n = std::int64_t{1} << n_levels;
+    const std::int64_t i_first = (side * key.x - west_) / cell_side, j_first = (side * key.y - south_) / cell_side;
+    const std::int64_t n_met = std::max<std::int64_t>(1, side / cell_side);
+    for (std::int64_t j = j_first; j < std::min(n, j_first + n_met); ++j) {
+      for (std::int64_t i = i_first; i < std::min(n, i_first + n_met); ++i) {
+        cells[static_cast<std::size_t>(j * n + i)] = true;
+      }
+    }
+  }
+
+  // Whether a lattice point is an inner vertex of the earlier tile.
+  bool was_vertex(std::int64_t x, std::int64_t y) const {
+    const auto before = [](const LocalVertex& v, const std::pair<std::uint64_t, std::uint64_t>& p) {
+      return morton_less(static_cast<std::uint64_t>(v.x), static_cast<std::uint64_t>(v.y), p.first, p.second);
+    };
+    const auto at = std::lower_bound(earlier_->interior.begin(), earlier_->interior.end(),
+                                     std::pair(static_cast<std::uint64_t>(x), static_cast<std::uint64_t>(y)), before);
+    return at != earlier_->interior.end() && at->x == x && at->y == y;
   }
 
   // ---- initial vertices --------------------------------------------------------------------------------------------
@@ -210,7 +287,7 @@ class TileRefiner {
     if (scanned.candidate.post >= 0) queue_.push(face, scanned.candidate.error_m, scanned.stamp);
   }
 
-  void refine(int threads, TileSurface& surface) {
+  bool refine(int threads, TileSurface& surface) {
     queue_.reset(static_cast<float>(task_->tolerance_m));
     scanned_.assign(static_cast<std::size_t>(mesh_.n_faces()), {});
     constexpr std::int32_t kFacesOfJob = 256;
@@ -227,12 +304,14 @@ class TileRefiner {
       posts_.prefetch_around(candidate.post);  // while the mesh makes room for it
       const auto [post_x, post_y] = posts_.position(candidate.post);
       const std::int64_t x = floor_of(post_x + 0.5), y = floor_of(post_y + 0.5);
+      if (earlier_ != nullptr && !was_vertex(x, y)) return false;
       surface.n_inserted += insert_post(next->face, x, y) ? 1 : 0;
       // A post whose lattice point has a vertex, or that lies beside the face, leaves the face as it is.
       if (scanned_[static_cast<std::size_t>(next->face)].stamp != stamp) continue;
       scanner_.give_up(candidate.post);
       scan(next->face);
     }
+    return true;
   }
 
   // False where there is a vertex already.
@@ -268,15 +347,28 @@ class TileRefiner {
   };
   std::vector<Scanned> scanned_;  // per face
   ErrorQueue queue_;
+  const EarlierTile* earlier_ = nullptr;  // while it is repeated
+  TilePosts::OfVertices of_vertices_;
   std::vector<std::uint32_t> order_;
 };
+
+TileRefiner& refiner() {
+  // Memory of one tile's size per thread: tiles come by the thousand.
+  thread_local TileRefiner refiner;
+  return refiner;
+}
 
 }  // namespace
 
 TileSurface triangulate(const HeightField& field, const TileTask& task, int threads) {
-  // Memory of one tile's size per thread: tiles come by the thousand.
-  thread_local TileRefiner refiner;
-  return refiner.run(field, task, threads);
+  return refiner().run(field, task, threads);
+}
+
+bool can_be_repeated(const HeightField& field) { return field.points.empty() && std::min(field.dx, field.dy) > 2; }
+
+std::optional<TileSurface> repeat_triangulation(const HeightField& field, const TileTask& task,
+                                                const EarlierTile& earlier, int threads) {
+  return refiner().repeat(field, task, earlier, threads);
 }
 
 }  // namespace tind

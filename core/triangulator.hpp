@@ -3,6 +3,9 @@
 
 #include <array>
 #include <cstdint>
+#include <functional>
+#include <optional>
+#include <span>
 #include <vector>
 
 #include "core/border_line.hpp"
@@ -31,15 +34,12 @@ struct TileTask {
       0;  ///< The tile's errors are summed up by its descendants so many levels down: 0..kMostCellLevels.
 };
 
-/// Errors of a tile's mesh at the posts of one of its cells: 2^n x 2^n squares, n = TileTask::n_cell_levels, row-major
-/// from the south-west.
-struct CellErrors {
-  std::uint64_t n_posts = 0;
-  double sum_m2 = 0;  ///< Of their squares.
-  float largest_m = 0;
-  friend bool operator==(const CellErrors&, const CellErrors&) = default;
+/// The posts that a tile's vertices are, as far as they shape its mesh: with them and the task the mesh can be told to
+/// be the same without looking at the other posts (docs/decisions/0013).
+struct VertexPosts {
+  double served_step_m = 0;      ///< Bound of the step that quantized-mesh rounds inner heights to.
+  std::vector<float> heights_m;  ///< Of the grid's posts that round to interior vertices, in the vertices' order.
 };
-inline constexpr int kMostCellLevels = 5;
 
 /// What refinement makes of it.
 struct TileSurface {
@@ -47,6 +47,7 @@ struct TileSurface {
   std::vector<Triangle> triangles;    ///< Local order, counter-clockwise, smallest index first, sorted.
   TileStats stats;                    ///< Without coverage.
   std::vector<CellErrors> cells;      ///< What stats' errors are made of, irregular posts apart.
+  VertexPosts vertex_posts;           ///< Empty where TileTask::n_cell_levels is 0.
   std::uint64_t n_inserted = 0;       ///< Vertices that greedy insertion added.
   std::uint64_t n_of_lines = 0;       ///< Interior vertices that only break lines brought in.
   std::uint64_t n_left_out = 0;       ///< Pieces of break lines that crossed another.
@@ -60,5 +61,25 @@ struct TileSurface {
 /// task gives the same bytes; thread safe. `threads` >= 1 of them share what can be shared of a tile that has much of
 /// the data to itself.
 TileSurface triangulate(const HeightField& field, const TileTask& task, int threads = 1);
+
+/// A tile as it came out of the same task over a field that differed in heights and origins of posts only. Not owned.
+struct EarlierTile {
+  std::span<const LocalVertex> interior;
+  std::span<const Triangle> triangles;
+  std::span<const CellErrors> cells;
+  std::span<const TileKey> changed;  ///< The tile's descendants that have between them all posts that changed.
+  /// Whether these are the VertexPosts that the earlier tile had.
+  std::function<bool(const VertexPosts&)> has;
+};
+
+/// Whether posts are so far apart, in lattice steps, that repeat_triangulation can tell which of them are vertices.
+bool can_be_repeated(const HeightField& field);
+
+/// What triangulate would make of the task, where it is told to be the earlier tile's mesh by looking at few posts:
+/// those that its vertices are, and those of the changed descendants. Errors are measured in their cells alone. nullopt
+/// where the mesh may be another one, or so much has changed that this does not pay. docs/decisions/0013 has the proof.
+/// Preconditions: can_be_repeated(field), task.n_cell_levels > 0.
+std::optional<TileSurface> repeat_triangulation(const HeightField& field, const TileTask& task,
+                                                const EarlierTile& earlier, int threads = 1);
 
 }  // namespace tind

@@ -18,6 +18,7 @@ void TilePosts::reset(const HeightField& field, const TileKey& key, bool is_serv
   windows_.clear();
   covered_.clear();
   points_.clear();
+  is_restricted_ = false;
   find_windows();
   find_posts();
   if (!field.points.empty()) collect_points();
@@ -139,7 +140,7 @@ void TilePosts::find_covered_boxes() {
   const double north = (f.continues_north ? static_cast<double>(f.lattice.height()) : f.post_y(f.n_rows - 1)) -
                        static_cast<double>(south_);
   for (const double turn : {-width, 0.0, width}) {
-    Box box{f.x0 + turn - west, south, f.post_x(f.n_cols - 1) + turn - west, north};
+    PlanBox box{f.x0 + turn - west, south, f.post_x(f.n_cols - 1) + turn - west, north};
     if (f.wraps) {
       box.west = -nudge_;
       box.east = static_cast<double>(side_) + nudge_;
@@ -151,7 +152,7 @@ void TilePosts::find_covered_boxes() {
 bool TilePosts::is_covered(const PlanTriangle& t) const {
   const double south = std::min({t.y[0], t.y[1], t.y[2]}), north = std::max({t.y[0], t.y[1], t.y[2]});
   const double west = std::min({t.x[0], t.x[1], t.x[2]}), east = std::max({t.x[0], t.x[1], t.x[2]});
-  for (const Box& b : covered_) {
+  for (const PlanBox& b : covered_) {
     if (west >= b.west && east <= b.east && south >= b.south && north <= b.north) return true;
   }
   return false;
@@ -204,6 +205,51 @@ std::pair<double, double> TilePosts::position(std::int64_t index) const {
   const PostWindow& w = window_of(index);
   const std::int64_t at = index - w.first_index, r = at / w.n_cols;
   return {w.x(at - r * w.n_cols), w.y(r)};
+}
+
+void TilePosts::find_posts_of(std::span<const LocalVertex> vertices, OfVertices& found) const {
+  found.posts.clear();
+  found.heights_m.clear();
+  for (const LocalVertex& v : vertices) {
+    const double x = static_cast<double>(v.x), y = static_cast<double>(v.y);
+    for (const PostWindow& w : windows_) {
+      // Posts are more than two steps apart: no other one rounds to the vertex.
+      const std::int64_t c = floor_of((x - w.x0) * w.per_dx + 0.5), r = floor_of((y - w.y0) * w.per_dy + 0.5);
+      if (c < 0 || r < 0 || c >= w.n_cols || r >= w.n_rows) continue;
+      if (floor_of(w.x(c) + 0.5) != v.x || floor_of(w.y(r) + 0.5) != v.y) continue;
+      found.posts.push_back({static_cast<std::size_t>(&w - windows_.data()), {r, c}});
+      if (w.is_base_grid) continue;
+      for_parts(w, r, c, c + 1, [&](const float* heights, const PostOrigin*, std::int64_t, std::int64_t) {
+        found.heights_m.push_back(*heights);
+      });
+    }
+  }
+}
+
+bool TilePosts::restrict_to(const OfVertices& vertices, std::span<const PlanBox> boxes) {
+  constexpr std::int64_t kLeastLeftOut = 2;  // times those that are kept in boxes
+  some_.resize(windows_.size());
+  std::int64_t n_all = 0, n_kept = 0;
+  for (std::size_t k = 0; k < windows_.size(); ++k) {
+    const PostWindow& w = windows_[k];
+    some_[k].clear();
+    if (w.is_base_grid) continue;
+    n_all += w.n_rows * w.n_cols;
+    for (const PlanBox& b : boxes) {
+      const std::int64_t row = std::max<std::int64_t>(0, floor_of((b.south - w.y0) * w.per_dy) - 1);
+      const std::int64_t col = std::max<std::int64_t>(0, floor_of((b.west - w.x0) * w.per_dx) - 1);
+      const std::int64_t row_end = std::min(w.n_rows, ceil_of((b.north - w.y0) * w.per_dy) + 2);
+      const std::int64_t col_end = std::min(w.n_cols, ceil_of((b.east - w.x0) * w.per_dx) + 2);
+      if (row >= row_end || col >= col_end) continue;
+      some_[k].add_box({row, col, row_end - row, col_end - col});
+      n_kept += (row_end - row) * (col_end - col);
+    }
+  }
+  if (n_kept * (1 + kLeastLeftOut) > n_all) return false;
+  for (const OfVertices::Post& p : vertices.posts) some_[p.window].add_post(p.at);
+  for (PostSubset& some : some_) some.arrange();
+  is_restricted_ = true;
+  return true;
 }
 
 // The posts of a part of a window: sums of the blocks that lie in it, and rows of the others.

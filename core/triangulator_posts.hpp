@@ -5,6 +5,7 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
+#include <span>
 #include <utility>
 #include <vector>
 
@@ -12,9 +13,11 @@
 #include "core/mesh.hpp"
 #include "core/post_blocks.hpp"
 #include "core/post_strip.hpp"
+#include "core/post_subset.hpp"
 #include "core/tile_key.hpp"
 #include "core/triangle_blocks.hpp"
 #include "core/triangle_rows.hpp"
+#include "core/virtual_node.hpp"
 
 namespace tind {
 
@@ -61,6 +64,11 @@ struct TriangleInPosts {
       v[i] = (t.y[i] - w.y0) * w.per_dy;
     }
   }
+};
+
+/// A part of a tile, local lattice steps.
+struct PlanBox {
+  double west = 0, south = 0, east = 0, north = 0;
 };
 
 /// An irregular post of a tile, local lattice steps.
@@ -118,12 +126,27 @@ class TilePosts {
   /// Number of the source's own posts in a part of a window.
   std::uint64_t count_source(const PostWindow& w, const PostBlocks::Extent& part) const;
 
+  /// The posts of grids that round to vertices.
+  struct OfVertices {
+    struct Post {
+      std::size_t window;
+      PostSubset::At at;
+    };
+    std::vector<Post> posts;       ///< In the vertices' order.
+    std::vector<float> heights_m;  ///< Of those of the field's own grid.
+  };
+  void find_posts_of(std::span<const LocalVertex> vertices, OfVertices& found) const;
+
+  /// From now on promising boxes have no other posts than these and those of the closed `boxes`, one post wider all
+  /// around; height_range and what is counted stays as it is. False, and nothing is done, where that leaves out too
+  /// few.
+  bool restrict_to(const OfVertices& vertices, std::span<const PlanBox> boxes);
+  /// Until here, or until reset.
+  void lift_restriction() { is_restricted_ = false; }
+
   /// Lowest and highest of all posts, metres; low > high when there is none.
   std::pair<double, double> height_range() const;
 
-  /// Calls row(r, c_first, c_last) for the posts of a window within reach of a triangle.
-  template <class Row>
-  static void for_rows(const PlanTriangle& t, const PostWindow& w, Row row);
   /// Calls box(extent) for boxes of columns and rows of a window that have all posts within reach of a triangle between
   /// them. Large triangles leave out the blocks of posts of which bound(block, extent) says less than `worst`, which
   /// `box` may raise; the most promising blocks come first. `rows`: of the same triangle, widened by the window's
@@ -131,7 +154,7 @@ class TilePosts {
   template <class Bound, class Visit>
   void for_promising_boxes(const TriangleInPosts& t, const WidenedRows& rows, const PostWindow& w, const double& worst,
                            Bound bound, Visit box) const;
-  /// Calls row(r, c_first, c_last) for the posts of such a box, as for_rows.
+  /// Calls row(r, c_first, c_last) for the posts of a window within reach of a triangle, those of a box.
   template <class Row>
   static void for_rows_in_box(const WidenedRows& rows, const PostWindow& w, const PostBlocks::Extent& e, Row row);
   /// Cuts a box into strips and calls strip(PostStrip) for each, west to east; false, and nothing is called, where it
@@ -146,10 +169,6 @@ class TilePosts {
   }
 
  private:
-  struct Box {
-    double west, south, east, north;
-  };
-
   // Of a post of a grid.
   const PostWindow& window_of(std::int64_t index) const {
     const PostWindow* w = &windows_.back();
@@ -182,7 +201,9 @@ class TilePosts {
   std::int64_t side_ = 0, west_ = 0, south_ = 0;
   double nudge_ = 0, reach_ = 0;
   std::vector<PostWindow> windows_;
-  std::vector<Box> covered_;
+  std::vector<PlanBox> covered_;
+  bool is_restricted_ = false;
+  std::vector<PostSubset> some_;  // per window
   std::int64_t first_point_ = 0;
   // Irregular posts by cells of a regular grid around them.
   double cells_x0_ = 0, cells_y0_ = 0, cell_size_ = 1;
@@ -211,12 +232,6 @@ void TilePosts::for_parts(const PostWindow& w, std::int64_t r, std::int64_t c_be
     part(page.heights_m + at, page.origins + at, c_begin, end);
     c_begin = end;
   }
-}
-
-template <class Row>
-void TilePosts::for_rows(const PlanTriangle& t, const PostWindow& w, Row row) {
-  const TriangleInPosts in(t, w);
-  for_rows_in_box(WidenedRows(TriangleRows(in.u, in.v), w.reach), w, {0, 0, w.n_rows, w.n_cols}, row);
 }
 
 template <class Row>
@@ -276,6 +291,13 @@ void TilePosts::for_promising_boxes(const TriangleInPosts& t, const WidenedRows&
     const auto c_end = std::min({w.n_cols, e.col + e.n_cols, floor_of(rows.east()) + 1});
     if (r_first < r_end && c_first < c_end) box({r_first, c_first, r_end - r_first, c_end - c_first});
   };
+  if (is_restricted_) {
+    const std::int64_t row = std::max<std::int64_t>(0, ceil_of(rows.south()));
+    const std::int64_t col = std::max<std::int64_t>(0, ceil_of(rows.west()));
+    some_[static_cast<std::size_t>(&w - windows_.data())].for_boxes(
+        {row, col, floor_of(rows.north()) + 1 - row, floor_of(rows.east()) + 1 - col}, visit_box);
+    return;
+  }
   if (w.is_base_grid || !has_blocks() || !t.is_large()) {
     visit_box({0, 0, w.n_rows, w.n_cols});
     return;

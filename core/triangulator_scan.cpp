@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "core/format/quantized_mesh.hpp"
 
@@ -278,14 +279,20 @@ FaceCandidate FaceScanner::scan_thoroughly(std::int32_t face, const FacePlane& p
     consider(own, std::abs(served.at(x, y) - height_m) + served_rounding_m_, x, y, post);
   };
   for (const PostWindow& w : posts_.windows()) {
+    const TriangleInPosts in(plan, w);
+    const WidenedRows rows(TriangleRows(in.u, in.v), w.reach);
     if (w.is_base_grid) {
       if (posts_.is_covered(plan) || is_near_base(face, guard)) continue;
-      TilePosts::for_rows(plan, w, [&](std::int64_t r, std::int64_t c_first, std::int64_t c_last) {
+      const auto row = [&](std::int64_t r, std::int64_t c_first, std::int64_t c_last) {
         for (std::int64_t c = c_first; c <= c_last; ++c) {
           const double x = w.x(c), y = w.y(r);
           if (!posts_.is_covered(x, y)) consider_at(x, y, field_->base_height_m, w.first_index + r * w.n_cols + c);
         }
-      });
+      };
+      posts_.for_promising_boxes(
+          in, rows, w, own_worst.error_m,
+          [](const PostBlock&, const PostBlocks::Extent&) { return std::numeric_limits<double>::infinity(); },
+          [&](const PostBlocks::Extent& e) { TilePosts::for_rows_in_box(rows, w, e, row); });
       continue;
     }
     const auto row = [&](std::int64_t r, std::int64_t c_first, std::int64_t c_last) {
@@ -307,8 +314,6 @@ FaceCandidate FaceScanner::scan_thoroughly(std::int32_t face, const FacePlane& p
             }
           });
     };
-    const TriangleInPosts in(plan, w);
-    const WidenedRows rows(TriangleRows(in.u, in.v), w.reach);
     posts_.for_promising_boxes(
         in, rows, w, own_worst.error_m,
         [&](const PostBlock& block, const PostBlocks::Extent& e) {

@@ -40,8 +40,11 @@ class FaceScanner {
   /// Of the face's posts that may become vertices (that round to a free lattice point inside the tile) the worst one
   /// beyond the tolerance as the mesh is, whatever finer borders lie beside it; where there is none, the worst one
   /// beyond it as quantized-mesh serves the mesh, with the claim of one at the tolerance. Each post has a place in this
-  /// order of its own, whatever the face's other posts are.
+  /// order of its own, whatever the face's other posts are (docs/decisions/0013).
   FaceCandidate scan(std::int32_t face) const;
+
+  /// Bound of the step that quantized-mesh rounds the tile's inner heights to: of all posts, a power of two.
+  double served_step_m() const { return 2 * served_rounding_m_; }
 
   /// From now on this post is no candidate: its lattice point has a vertex.
   void give_up(std::int64_t post) { given_up_.push_back(post); }

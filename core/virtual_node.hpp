@@ -76,6 +76,16 @@ struct TileStats {
   friend bool operator==(const TileStats&, const TileStats&) = default;
 };
 
+/// Errors of a tile's mesh at the posts of one of its cells: 2^n x 2^n squares, n <= kMostCellLevels, row-major from
+/// the south-west.
+struct CellErrors {
+  std::uint64_t n_posts = 0;
+  double sum_m2 = 0;  ///< Of their squares.
+  float largest_m = 0;
+  friend bool operator==(const CellErrors&, const CellErrors&) = default;
+};
+inline constexpr int kMostCellLevels = 5;
+
 /// What belongs to one tile alone. Triangles index the local order: ring (C0, B0, C1, B1, C2, B2, C3, B3), then
 /// `interior` in Morton order. `n_side[b]`: inner vertices of border b, equal to the sizes of the edge chains.
 /// `n_gaps` G: how many finer levels the runs of the virtual triangles cover.

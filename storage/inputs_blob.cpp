@@ -2,21 +2,59 @@
 #include "storage/inputs_blob.hpp"
 
 #include <algorithm>
+#include <cmath>
 
 namespace tind {
 namespace {
 
-constexpr std::uint8_t kInputsTag = 'I';
+constexpr std::uint8_t kFirstTag = 'I';  // of builders before 0.5.0: one digest of all
+constexpr std::uint8_t kInputsTag = 'J';
+
+TileInputs::Digest digest_from(ByteReader& in) {
+  TileInputs::Digest digest{};
+  const ByteView bytes = in.raw(digest.size());
+  std::copy(bytes.begin(), bytes.end(), digest.begin());
+  return digest;
+}
+
+// False where no builder can have measured that.
+bool read_cells(ByteReader& in, TileInputs& inputs) {
+  inputs.n_cell_levels = in.fixed<std::uint8_t>();
+  if (inputs.n_cell_levels == 0) return true;
+  if (inputs.n_cell_levels > kMostCellLevels) return false;
+  inputs.vertex_posts = in.fixed<std::uint64_t>();
+  inputs.cells.resize(std::size_t{1} << (2 * inputs.n_cell_levels));
+  for (CellErrors& cell : inputs.cells) {
+    cell.n_posts = in.uvarint();
+    if (cell.n_posts == 0) continue;
+    cell.sum_m2 = in.fixed<double>();
+    cell.largest_m = in.fixed<float>();
+    if (!std::isfinite(cell.sum_m2) || !std::isfinite(cell.largest_m) || cell.sum_m2 < 0 || cell.largest_m < 0) {
+      return false;
+    }
+  }
+  return true;
+}
 
 }  // namespace
 
 Bytes encode_inputs(const TileInputs& inputs) {
   ByteWriter out;
   out.fixed(kInputsTag);
-  out.raw(inputs.digest);
+  out.raw(inputs.frame);
+  out.raw(inputs.posts);
   for (const std::uint64_t n :
        {inputs.n_inserted, inputs.n_of_lines, inputs.n_outside, inputs.n_line_pieces, inputs.n_left_out}) {
     out.uvarint(n);
+  }
+  out.fixed(inputs.n_cell_levels);
+  if (inputs.n_cell_levels == 0) return out.take();
+  out.fixed(inputs.vertex_posts);
+  for (const CellErrors& cell : inputs.cells) {
+    out.uvarint(cell.n_posts);
+    if (cell.n_posts == 0) continue;
+    out.fixed(cell.sum_m2);
+    out.fixed(cell.largest_m);
   }
   return out.take();
 }
@@ -24,14 +62,19 @@ Bytes encode_inputs(const TileInputs& inputs) {
 Result<TileInputs> decode_inputs(ByteView record) {
   ByteReader in(record);
   TileInputs inputs;
-  const bool tagged = in.fixed<std::uint8_t>() == kInputsTag;
-  const ByteView digest = in.raw(inputs.digest.size());
-  std::copy(digest.begin(), digest.end(), inputs.digest.begin());
+  const auto tag = in.fixed<std::uint8_t>();
+  if (tag == kFirstTag) {
+    digest_from(in);
+  } else {
+    inputs.frame = digest_from(in);
+    inputs.posts = digest_from(in);
+  }
   for (std::uint64_t* n :
        {&inputs.n_inserted, &inputs.n_of_lines, &inputs.n_outside, &inputs.n_line_pieces, &inputs.n_left_out}) {
     *n = in.uvarint();
   }
-  if (!tagged || !in.finished()) return fail(ErrorKind::kCorrupt, "broken inputs record");
+  const bool sound = tag == kFirstTag || (tag == kInputsTag && read_cells(in, inputs));
+  if (!sound || !in.finished()) return fail(ErrorKind::kCorrupt, "broken inputs record");
   return inputs;
 }
 

@@ -49,12 +49,14 @@ struct TileResult {
   TileInputs made_of;
   TileStats stats;
   std::uint64_t n_interior = 0, n_triangles = 0;
-  bool built = false;
+  bool built = false, repeated = false;
 };
 
 // What is there of a tile already: views into a store.
 struct StoredTile {
   ByteView body, inputs;
+  /// Of the earlier pyramid, where the tile's posts have changed: the descendants that have all of those.
+  std::vector<TileKey> changed;
 };
 
 // The interior vertices of a stored body, decoded by whoever needs them first.
@@ -223,6 +225,13 @@ class PyramidBuilder {
     return pins;
   }
 
+  // Where a tile's mesh can be told to be the earlier one; of few levels more it is built as fast.
+  int n_cell_levels(int level) const {
+    constexpr int kLeast = 2;
+    const int below = table_.bottom_level() - level;
+    return below < kLeast || !can_be_repeated(field_) ? 0 : std::min(kMostCellLevels, below);
+  }
+
   TileTask make_task(const TileKey& key, const std::vector<LocalVertex>& inherited) const {
     const std::int64_t side = field_.lattice.tile_side(key.level);
     const std::int64_t west = side * key.x, south = side * key.y;
@@ -230,7 +239,7 @@ class PyramidBuilder {
     task.key = key;
     task.tolerance_m = spec_.tolerance_m[key.level];
     task.height_step_m = spec_.height_step_m[key.level];
-    task.n_cell_levels = std::min(kMostCellLevels, table_.bottom_level() - key.level);
+    task.n_cell_levels = n_cell_levels(key.level);
     for (int b = 0; b < 4; ++b) set_border(field_.lattice, borders_.border(key, b), b, task);
     // The parent's vertices inside this quarter; those on the middle lines are on the border.
     const std::int64_t dx = key.x % 2 ? side : 0, dy = key.y % 2 ? side : 0;
@@ -304,6 +313,19 @@ class PyramidBuilder {
     return posts * 2 * input_.threads > all ? input_.threads : 1;
   }
 
+  // The tile out of few posts, where the earlier one was made in the same frame.
+  std::optional<TileSurface> repeat(const TileTask& task, const TileInputs& inputs, const StoredTile& earlier) const {
+    if (task.n_cell_levels == 0 || inputs.n_cell_levels != task.n_cell_levels || earlier.changed.empty()) return {};
+    const auto record = unpack_value(earlier.body);
+    if (!record) return {};
+    const auto body = decode_body(*record);
+    if (!body) return {};
+    const EarlierTile tile{body->interior, body->triangles, inputs.cells, earlier.changed, [&](const VertexPosts& now) {
+                             return vertex_posts_digest(field_, now) == inputs.vertex_posts;
+                           }};
+    return repeat_triangulation(field_, task, tile, threads_of(task.key));
+  }
+
   // `earlier`: of the same tile in the earlier pyramid, if there is one.
   Result<TileResult> build_tile(const TileKey& key, const ParentBody* parent,
                                 const std::optional<StoredTile>& earlier) const {
@@ -313,12 +335,18 @@ class PyramidBuilder {
     std::array<std::span<const LineVertex>, 4> borders;
     for (int b = 0; b < 4; ++b) borders[static_cast<std::size_t>(b)] = borders_.border(key, b);
     TileResult result;
-    result.made_of.digest = tile_digest(field_, posts_, task, borders, table_.bottom_level() - key.level);
+    result.made_of.frame = frame_digest(field_, task, borders, table_.bottom_level() - key.level);
+    result.made_of.posts = posts_.of(key);
+    std::optional<TileSurface> repeated;
     if (earlier) {
       const auto inputs = decode_inputs(earlier->inputs);
-      if (inputs && inputs->digest == result.made_of.digest) return take_over(*earlier);
+      if (inputs && inputs->frame == result.made_of.frame) {
+        if (inputs->posts == result.made_of.posts) return take_over(*earlier);
+        repeated = repeat(task, *inputs, *earlier);
+      }
     }
-    TileSurface surface = triangulate(field_, task, threads_of(key));
+    result.repeated = repeated.has_value();
+    TileSurface surface = repeated ? std::move(*repeated) : triangulate(field_, task, threads_of(key));
     TileBody body;
     body.stats = surface.stats;
     body.stats.coverage = coverage_of(field_, key);
@@ -342,6 +370,11 @@ class PyramidBuilder {
     result.made_of.n_of_lines = surface.n_of_lines;
     result.made_of.n_line_pieces = task.constraints.size();
     result.made_of.n_left_out = surface.n_left_out;
+    if (task.n_cell_levels > 0) {
+      result.made_of.n_cell_levels = static_cast<std::uint8_t>(task.n_cell_levels);
+      result.made_of.vertex_posts = vertex_posts_digest(field_, surface.vertex_posts);
+      result.made_of.cells = std::move(surface.cells);
+    }
     result.value = pack_body(body);
     result.inputs = encode_inputs(result.made_of);
     return result;
@@ -390,6 +423,7 @@ class PyramidBuilder {
     parts.line_pieces += tile.made_of.n_line_pieces;
     parts.left_out += tile.made_of.n_left_out;
     parts.built += tile.built ? 1 : 0;
+    parts.repeated += tile.repeated ? 1 : 0;
     if (auto done = append({PieceKind::kBody, key.level, key.x, key.y}, tile.value); !done) return done;
     return append({PieceKind::kInputs, key.level, key.x, key.y}, tile.inputs);
   }
@@ -410,9 +444,35 @@ class PyramidBuilder {
       known.inputs.assign(inputs->begin(), inputs->end());
     } else if (input_.earlier) {
       const auto earlier_body = input_.earlier->find(body_key), earlier_inputs = input_.earlier->find(inputs_key);
-      if (earlier_body && earlier_inputs) known.earlier = StoredTile{*earlier_body, *earlier_inputs};
+      if (earlier_body && earlier_inputs) {
+        known.earlier = StoredTile{*earlier_body, *earlier_inputs, {}};
+        if (n_cell_levels(key.level) > 0) known.earlier->changed = changed_below(key, *earlier_inputs);
+      }
     }
     return known;
+  }
+
+  // The finest descendants that the earlier pyramid tells to have other posts; none where they are too many. One
+  // thread.
+  std::vector<TileKey> changed_below(const TileKey& key, ByteView inputs) const {
+    constexpr std::size_t kMost = 256;
+    std::vector<TileKey> changed;
+    const auto descend = [&](const TileKey& tile, std::optional<ByteView> record, const auto& self) -> void {
+      if (changed.size() > kMost) return;
+      const auto made_of = record ? decode_inputs(*record) : fail(ErrorKind::kNotFound, "");
+      if (made_of && made_of->posts == posts_.of(tile)) return;
+      if (!made_of || tile.level == table_.bottom_level()) {
+        changed.push_back(tile);
+        return;
+      }
+      for (int c = 0; c < 4; ++c) {
+        const TileKey child = tile.child(c);
+        self(child, input_.earlier->find({PieceKind::kInputs, child.level, child.x, child.y}), self);
+      }
+    };
+    descend(key, inputs, descend);
+    if (changed.size() > kMost) changed.clear();
+    return changed;
   }
 
   Result<LevelInfo> build_level(int level, std::chrono::steady_clock::time_point start, LevelBreakdown& parts) {
@@ -447,7 +507,7 @@ class PyramidBuilder {
         const auto record = unpack_value(in.known.body);
         if (!record) return tl::unexpected(record.error());
         if (const auto body = decode_body(*record); !body) return tl::unexpected(body.error());
-        return take_over({in.known.body, in.known.inputs});
+        return take_over({in.known.body, in.known.inputs, {}});
       }
       return build_tile(in.key, in.parent.get(), in.known.earlier);
     };

@@ -28,6 +28,7 @@ struct LevelBreakdown {
   std::uint64_t line_pieces = 0;  ///< Pieces of break lines that tiles held to.
   std::uint64_t left_out = 0;     ///< Pieces of break lines that crossed another and were not held to.
   std::uint64_t built = 0;        ///< Tiles triangulated by this run; the others were taken over as they were.
+  std::uint64_t repeated = 0;     ///< Of the tiles built, those told to have the earlier mesh by few posts.
   double seconds = 0;
 };
 

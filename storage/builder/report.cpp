@@ -48,6 +48,7 @@ std::string report_json(const BuildReport& report) {
                       {"height_step_m", info.height_step_m},
                       {"bytes", info.bytes},
                       {"tiles_built", parts.built},
+                      {"tiles_repeated", parts.repeated},
                       {"seconds", parts.seconds}});
   }
   json drainage;

@@ -215,8 +215,8 @@ TileInputs::Digest PostDigests::of(const TileKey& key) const {
   return at != level.end() && at->code == code ? at->digest : TileInputs::Digest{};
 }
 
-TileInputs::Digest tile_digest(const HeightField& field, const PostDigests& posts, const TileTask& task,
-                               const std::array<std::span<const LineVertex>, 4>& borders, int n_gaps) {
+TileInputs::Digest frame_digest(const HeightField& field, const TileTask& task,
+                                const std::array<std::span<const LineVertex>, 4>& borders, int n_gaps) {
   Digest digest;
   constexpr std::string_view kMaker = kGenerator;
   digest.add(kMaker.data(), kMaker.size());
@@ -224,10 +224,24 @@ TileInputs::Digest tile_digest(const HeightField& field, const PostDigests& post
   add_task(digest, task);
   add_borders(digest, borders);
   add_grid(digest, field, task.key);
-  const TileInputs::Digest of_posts = posts.of(task.key);
-  digest.add(of_posts.data(), of_posts.size());
   add_points(digest, field, task.key);
   return digest.finish();
+}
+
+std::uint64_t vertex_posts_digest(const HeightField& field, const VertexPosts& posts) {
+  Digest digest;
+  for (const std::int64_t n : {field.n_rows, field.n_cols}) digest.add_value(n);
+  for (const double v : {field.x0, field.y0, field.south_pole_m, field.north_pole_m, posts.served_step_m}) {
+    digest.add_value(v);
+  }
+  for (const bool is : {field.continues_south, field.continues_north, field.blocks != nullptr}) {
+    digest.add_value(static_cast<std::uint8_t>(is));
+  }
+  add_all(digest, posts.heights_m);
+  const TileInputs::Digest all = digest.finish();
+  std::uint64_t first = 0;
+  for (std::size_t k = 0; k < sizeof first; ++k) first = first << 8 | all[k];
+  return first;
 }
 
 }  // namespace tind

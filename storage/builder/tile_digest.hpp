@@ -32,10 +32,13 @@ class PostDigests {
   std::vector<std::vector<Entry>> levels_;  // ascending codes; tiles that are not there have no post near
 };
 
-/// Digest of everything that shapes a tile's body: its posts, its borders with all finer vertices (so envelopes and
-/// runs), the vertices to start from, break lines and their heights, tolerances, and the version of the builder.
-/// `n_gaps`: finer levels. Pure; thread safe.
-TileInputs::Digest tile_digest(const HeightField& field, const PostDigests& posts, const TileTask& task,
-                               const std::array<std::span<const LineVertex>, 4>& borders, int n_gaps);
+/// Digest of everything that shapes a tile's body but the grid's posts: its borders with all finer vertices (so
+/// envelopes and runs), the vertices to start from, break lines and their heights, irregular posts, tolerances, and the
+/// version of the builder. `n_gaps`: finer levels. Pure; thread safe.
+TileInputs::Digest frame_digest(const HeightField& field, const TileTask& task,
+                                const std::array<std::span<const LineVertex>, 4>& borders, int n_gaps);
+
+/// Digest of a tile's VertexPosts, and of where the grid's posts and their blocks lie. Pure; thread safe.
+std::uint64_t vertex_posts_digest(const HeightField& field, const VertexPosts& posts);
 
 }  // namespace tind

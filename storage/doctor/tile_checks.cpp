@@ -5,6 +5,8 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
+#include <limits>
 #include <utility>
 #include <vector>
 
@@ -134,6 +136,27 @@ class TileCheck {
           "inputs: inserted {}, of_lines {}, outside {}, line_pieces {}, left_out {} with {} interior "
           "vertices",
           inputs->n_inserted, inputs->n_of_lines, inputs->n_outside, inputs->n_line_pieces, inputs->n_left_out, n));
+    }
+    if (!inputs->cells.empty()) check_cells(*inputs, body.stats);
+  }
+
+  // The body's errors are those of its cells: irregular posts are in none, but then there are no cells.
+  void check_cells(const TileInputs& inputs, const TileStats& stats) {
+    CellErrors all;
+    for (const CellErrors& cell : inputs.cells) {
+      all.n_posts += cell.n_posts;
+      all.sum_m2 += cell.sum_m2;
+      all.largest_m = std::max(all.largest_m, cell.largest_m);
+    }
+    const float largest_m = all.largest_m == 0 ? 0 : std::nextafter(all.largest_m, std::numeric_limits<float>::max());
+    const double rmse_m = std::sqrt(all.sum_m2 / static_cast<double>(std::max<std::uint64_t>(all.n_posts, 1)));
+    if (all.n_posts != stats.n_posts || largest_m != stats.max_error_m ||
+        !(std::abs(rmse_m - static_cast<double>(stats.rmse_m)) <= 1e-6 * rmse_m)) {
+      fault(fmt::format("inputs: cells: {} posts, maximum error {} m, rmse {} m; its body has {}, {} m, {} m",
+                        all.n_posts, largest_m, rmse_m, stats.n_posts, stats.max_error_m, stats.rmse_m));
+    }
+    if (tile_.level + inputs.n_cell_levels > pieces_.manifest.bottom_level) {
+      fault(fmt::format("inputs: cells: {} levels down, below the bottom level", inputs.n_cell_levels));
     }
   }
 

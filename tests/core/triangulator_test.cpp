@@ -4,7 +4,10 @@
 #include <algorithm>
 #include <cmath>
 #include <functional>
+#include <optional>
+#include <set>
 #include <span>
+#include <utility>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -422,6 +425,116 @@ TEST(Triangulator, MeasuresEachCellOnceWhateverThreadsAndBlocksThereAre) {
     }
     EXPECT_EQ(n_posts, surface.stats.n_posts);
     EXPECT_EQ(std::nextafter(largest_m, 1e30f), surface.stats.max_error_m);
+  }
+}
+
+// A tile with cells, and the run that repeats it over few posts after the heights under tile `changed` were changed.
+class Repeated : public ::testing::Test {
+ protected:
+  void make(const HeightAt& height, double tolerance_m, std::int64_t n_posts = 0) {
+    GridPlace place = place_over(kTile.level, kTile.x, kTile.y, kLatticeLevel, kSpacing, 3);
+    if (n_posts > 0) place.n_rows = place.n_cols = n_posts;
+    f_.emplace(place, height);
+    tile_ = make_task(f_->field, spec_from(kTile.level, tolerance_m, kFiner, f_->field.lattice), kTile);
+    tile_.task.n_cell_levels = 3;
+    tile_.surface = triangulate(f_->field, tile_.task);
+  }
+  float& post(std::int64_t r, std::int64_t c) {
+    return f_->heights_m[static_cast<std::size_t>(r * f_->field.n_cols + c)];
+  }
+  // Descendants three levels down around a post.
+  std::vector<TileKey> around(std::int64_t r, std::int64_t c) const {
+    const double side = static_cast<double>(f_->field.lattice.tile_side(kTile.level + 3));
+    std::set<std::pair<std::uint32_t, std::uint32_t>> found;
+    for (const double dx : {-1.0, 1.0}) {
+      for (const double dy : {-1.0, 1.0}) {
+        found.emplace(static_cast<std::uint32_t>((f_->field.post_x(c) + dx) / side),
+                      static_cast<std::uint32_t>((f_->field.post_y(r) + dy) / side));
+      }
+    }
+    std::vector<TileKey> keys;
+    for (const auto& [x, y] : found) keys.push_back({kTile.level + 3, x, y});
+    return keys;
+  }
+  std::optional<TileSurface> repeat(const std::vector<TileKey>& changed, int threads = 1) const {
+    const TileSurface& s = tile_.surface;
+    const EarlierTile earlier{s.interior, s.triangles, s.cells, changed, [&](const VertexPosts& now) {
+                                return now.served_step_m == s.vertex_posts.served_step_m &&
+                                       now.heights_m == s.vertex_posts.heights_m;
+                              }};
+    return repeat_triangulation(f_->field, tile_.task, earlier, threads);
+  }
+  static void expect_same(const TileSurface& a, const TileSurface& b) {
+    EXPECT_EQ(a.interior, b.interior);
+    EXPECT_EQ(a.triangles, b.triangles);
+    EXPECT_EQ(a.stats, b.stats);
+    EXPECT_EQ(a.cells, b.cells);
+    EXPECT_EQ(a.n_inserted, b.n_inserted);
+    EXPECT_EQ(a.vertex_posts.heights_m, b.vertex_posts.heights_m);
+  }
+
+  std::optional<TestField> f_;
+  TestTile tile_;
+};
+
+TEST_F(Repeated, GivesTheSameOutOfThePostsOfItsVertices) {
+  for (const auto& [n_posts, tolerance_m] : {std::pair{0, 40.0}, {0, 400.0}, {57, 35.0}, {9, 35.0}}) {
+    make(rough_terrain(6, 900), tolerance_m, n_posts);
+    ASSERT_FALSE(tile_.surface.vertex_posts.heights_m.empty());
+    const auto again = repeat({}, 2);
+    ASSERT_TRUE(again) << n_posts;
+    expect_same(*again, tile_.surface);
+  }
+}
+
+TEST_F(Repeated, IsWhatTheWholeRunMakesOfChangedPostsOrNothing) {
+  make(rough_terrain(6, 900), 60);
+  int n_repeated = 0, n_whole = 0;
+  for (std::int64_t k = 0; k < 400; ++k) {
+    const auto r = static_cast<std::int64_t>(5 + noise(1, k, 0) * 95),
+               c = static_cast<std::int64_t>(5 + noise(1, k, 1) * 95);
+    const float before = post(r, c);
+    post(r, c) += static_cast<float>(std::exp(noise(1, k, 2) * 8 - 2) * (k % 2 ? 1 : -1));
+    const TileSurface whole = triangulate(f_->field, tile_.task);
+    if (const auto again = repeat(around(r, c))) {
+      expect_same(*again, whole);
+      ++n_repeated;
+    } else {
+      ++n_whole;
+    }
+    post(r, c) = before;
+  }
+  EXPECT_GT(n_repeated, 100);
+  EXPECT_GT(n_whole, 100);
+}
+
+TEST_F(Repeated, SeesThatAVertexHasChanged) {
+  make(rough_terrain(6, 900), 60);
+  // The post of an inner vertex.
+  const LocalVertex& v = tile_.surface.interior[tile_.surface.interior.size() / 2];
+  const double side = static_cast<double>(f_->field.lattice.tile_side(kTile.level));
+  const auto c = std::llround((side * kTile.x + static_cast<double>(v.x) - f_->field.x0) / f_->field.dx);
+  const auto r = std::llround((side * kTile.y + static_cast<double>(v.y) - f_->field.y0) / f_->field.dy);
+  post(r, c) += 0.001f;
+  EXPECT_FALSE(repeat(around(r, c)));
+  post(r, c) -= 0.001f;
+  // Nor are errors taken over of cells that are not there, nor posts of most of the tile looked at.
+  EXPECT_TRUE(repeat(around(r, c)));
+  EXPECT_FALSE(repeat({kTile}));
+  tile_.surface.cells.pop_back();
+  EXPECT_FALSE(repeat(around(r, c)));
+}
+
+// The mesh's own vertices must tell what is missing: not each change may go unnoticed.
+TEST_F(Repeated, NoticesAPostThatIsToBecomeAVertex) {
+  make([](auto r, auto c) { return 3.0 * static_cast<double>(r) + static_cast<double>(c); }, 30);
+  for (const auto& [r, c] : {std::pair{20, 20}, {50, 51}, {77, 13}}) {
+    post(r, c) += 31;
+    EXPECT_FALSE(repeat(around(r, c)));
+    EXPECT_TRUE(repeat({})) << "not told of it";
+    post(r, c) -= 2;
+    EXPECT_TRUE(repeat(around(r, c)));
+    post(r, c) -= 29;
   }
 }
 

@@ -2,7 +2,9 @@
 // Records, values and manifests: what was encoded comes back, and no bytes at all crash a decoder or make it ask for
 // memory out of proportion.
 #include <algorithm>
+#include <cmath>
 #include <functional>
+#include <limits>
 
 #include <gtest/gtest.h>
 
@@ -110,7 +112,10 @@ void torment(const Bytes& record, double bytes_a_byte, const std::function<bool(
 
 TEST(InputsRecord, ComesBackAndSurvivesDamage) {
   TileInputs inputs;
-  for (std::size_t k = 0; k < inputs.digest.size(); ++k) inputs.digest[k] = static_cast<std::uint8_t>(17 * k);
+  for (std::size_t k = 0; k < inputs.frame.size(); ++k) {
+    inputs.frame[k] = static_cast<std::uint8_t>(17 * k);
+    inputs.posts[k] = static_cast<std::uint8_t>(200 - 3 * k);
+  }
   inputs.n_inserted = 300;
   inputs.n_of_lines = 2;
   inputs.n_outside = std::uint64_t{1} << 40;
@@ -124,6 +129,43 @@ TEST(InputsRecord, ComesBackAndSurvivesDamage) {
   Bytes other = record;
   other[0] = 'B';
   EXPECT_FALSE(decode_inputs(other));
+}
+
+TEST(InputsRecord, HasCellsOrNone) {
+  TileInputs inputs;
+  inputs.n_cell_levels = 2;
+  inputs.vertex_posts = 0x0123456789abcdef;
+  inputs.cells.resize(16);
+  inputs.cells[3] = {70'000, 12.5, 3.25f};
+  inputs.cells[15] = {1, 0, 0};
+  const Bytes record = encode_inputs(inputs);
+  EXPECT_EQ(record.size(), 33u + 5 + 1 + 8 + 14 + 15 + 13);  // an empty cell is a byte
+  EXPECT_EQ(decode_inputs(record).value(), inputs);
+  for (std::size_t n = 0; n < record.size(); ++n) EXPECT_FALSE(decode_inputs(ByteView(record).first(n))) << n;
+  for (const int levels : {0, 1, 3, 6, 255}) {
+    Bytes other = record;
+    other[38] = static_cast<std::uint8_t>(levels);
+    EXPECT_FALSE(decode_inputs(other)) << levels;
+  }
+  for (const double wrong : {-1.0, std::numeric_limits<double>::infinity(), std::nan("")}) {
+    inputs.cells[3].sum_m2 = wrong;
+    EXPECT_FALSE(decode_inputs(encode_inputs(inputs)));
+    inputs.cells[3] = {70'000, 12.5, static_cast<float>(wrong)};
+    EXPECT_FALSE(decode_inputs(encode_inputs(inputs)));
+  }
+}
+
+// Builders before 0.5.0 wrote one digest of all: such a file is sound, and nothing is taken over from it.
+TEST(InputsRecord, OfTheFirstKindHasNoDigests) {
+  Bytes record(22, 7);
+  record[0] = 'I';
+  const auto inputs = decode_inputs(record);
+  ASSERT_TRUE(inputs);
+  EXPECT_EQ(inputs->frame, TileInputs::Digest{});
+  EXPECT_EQ(inputs->posts, TileInputs::Digest{});
+  EXPECT_EQ(inputs->n_left_out, 7u);
+  EXPECT_TRUE(inputs->cells.empty());
+  EXPECT_FALSE(decode_inputs(ByteView(record).first(21)));
 }
 
 TEST(CornerRecord, ComesBackAndSurvivesDamage) {

@@ -120,15 +120,14 @@ std::vector<LatticePoint> pinned_points() {
   return points;
 }
 
-TEST(TileDigest, SeesThePinnedPointsOfTheTileAndNoOthers) {
+TEST(FrameDigest, SeesThePinnedPointsOfTheTileAndNoOthers) {
   TestField f = field_of();
-  const PostDigests posts = digests_of(f);
   std::vector<LatticePoint> points = pinned_points();
   TileTask task;
   task.key = {kFinest, 21, 31};
   const auto digest = [&] {
     f.field.pinned = PinnedPoints(points);
-    return tile_digest(f.field, posts, task, {}, 0);
+    return frame_digest(f.field, task, {}, 0);
   };
   const auto before = digest();
   std::size_t n_inside = 0;
@@ -149,16 +148,15 @@ TEST(TileDigest, SeesThePinnedPointsOfTheTileAndNoOthers) {
   EXPECT_NE(digest(), before);
 }
 
-TEST(TileDigest, CopiesNoMoreThanARowOfPinnedPoints) {
+TEST(FrameDigest, CopiesNoMoreThanARowOfPinnedPoints) {
   TestField f = field_of();
-  const PostDigests posts = digests_of(f);
   const std::vector<LatticePoint> points = pinned_points();
   f.field.pinned = PinnedPoints(points);
   TileTask task;
   task.key = {0, 0, 0};
   reset_most_held_bytes();
   const std::size_t held_before = held_bytes();
-  tile_digest(f.field, posts, task, {}, 0);
+  frame_digest(f.field, task, {}, 0);
   EXPECT_LT(most_held_bytes() - held_before, 64u << 10);  // all of them are 1.4 MB
 }
 

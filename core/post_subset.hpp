@@ -1,0 +1,79 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+#include <algorithm>
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include "core/post_blocks.hpp"
+
+namespace tind {
+
+/// Some posts of a window of the grid: boxes, and single ones, found by where they lie. Storage is kept from one window
+/// to the next. Const access is thread safe.
+class PostSubset {
+ public:
+  struct At {
+    std::int64_t row = 0, col = 0;
+  };
+
+  void clear() {
+    boxes_.clear();
+    posts_.clear();
+    first_.clear();
+  }
+  void add_box(const PostBlocks::Extent& box) { boxes_.push_back(box); }
+  void add_post(const At& post) { posts_.push_back(post); }
+  /// To be called once all are added.
+  void arrange();
+
+  const std::vector<PostBlocks::Extent>& boxes() const { return boxes_; }
+
+  /// Calls visit(extent) for boxes that have between them all posts of the subset in `part`, and no others.
+  template <class Visit>
+  void for_boxes(const PostBlocks::Extent& part, Visit visit) const;
+
+ private:
+  std::int64_t bucket_row(std::int64_t row) const {
+    return std::clamp<std::int64_t>((row - all_.row) / bucket_side_, 0, n_bucket_rows_ - 1);
+  }
+  std::int64_t bucket_col(std::int64_t col) const {
+    return std::clamp<std::int64_t>((col - all_.col) / bucket_side_, 0, n_bucket_cols_ - 1);
+  }
+
+  std::vector<PostBlocks::Extent> boxes_;
+  std::vector<At> posts_, unsorted_;  // by buckets, which are a regular grid over `all_`
+  PostBlocks::Extent all_;
+  std::int64_t bucket_side_ = 1, n_bucket_rows_ = 0, n_bucket_cols_ = 0;
+  std::vector<std::uint32_t> first_, next_;  // per bucket, and the end
+};
+
+template <class Visit>
+void PostSubset::for_boxes(const PostBlocks::Extent& part, Visit visit) const {
+  const std::int64_t row_end = part.row + part.n_rows, col_end = part.col + part.n_cols;
+  for (const PostBlocks::Extent& b : boxes_) {
+    const std::int64_t row = std::max(part.row, b.row), n_rows = std::min(row_end, b.row + b.n_rows) - row;
+    const std::int64_t col = std::max(part.col, b.col), n_cols = std::min(col_end, b.col + b.n_cols) - col;
+    if (n_rows > 0 && n_cols > 0) visit(PostBlocks::Extent{row, col, n_rows, n_cols});
+  }
+  if (first_.empty() || part.n_rows <= 0 || part.n_cols <= 0) return;
+  if (row_end <= all_.row || col_end <= all_.col || part.row >= all_.row + all_.n_rows ||
+      part.col >= all_.col + all_.n_cols) {
+    return;
+  }
+  const std::int64_t i_last = bucket_row(row_end - 1), j_first = bucket_col(part.col), j_last = bucket_col(col_end - 1);
+  for (std::int64_t i = bucket_row(part.row); i <= i_last; ++i) {
+    // The buckets of a row lie together.
+    const auto begin = static_cast<std::size_t>(i * n_bucket_cols_ + j_first);
+    const auto end = static_cast<std::size_t>(i * n_bucket_cols_ + j_last) + 1;
+    for (std::uint32_t k = first_[begin]; k < first_[end]; ++k) {
+      const At& p = posts_[k];
+      if (p.row >= part.row && p.row < row_end && p.col >= part.col && p.col < col_end) {
+        visit(PostBlocks::Extent{p.row, p.col, 1, 1});
+      }
+    }
+  }
+}
+
+}  // namespace tind

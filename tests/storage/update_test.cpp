@@ -1,0 +1,190 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// An update's bytes are those of a whole rebuild, whatever has changed: random changes, one after the other.
+#include <unistd.h>
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <functional>
+#include <random>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include <fmt/format.h>
+#include <gtest/gtest.h>
+
+#include "storage/builder/build.hpp"
+#include "tests/storage/test_raster.hpp"
+#include "tests/support/test_field.hpp"
+
+namespace tind::test {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr int kRows = 260, kCols = 300;
+constexpr float kVoid = -9999;
+// Posts along a bottom tile: level 13.
+constexpr double kSpacing = 0.0008, kTilePosts = 180.0 / 8192 / kSpacing;
+
+class UpdateTest : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    std::string name = (fs::temp_directory_path() / "tind-update-XXXXXX").string();
+    ASSERT_NE(mkdtemp(name.data()), nullptr);
+    folder_ = name;
+    const HeightAt rough = rough_terrain(3, 1500);
+    posts_.reserve(std::size_t{kRows} * kCols);
+    for (int r = 0; r < kRows; ++r) {
+      // A plain in the west, where triangles are large.
+      for (int c = 0; c < kCols; ++c) posts_.push_back(static_cast<float>(rough(r, c) * (c < 100 ? 0.02 : 1)));
+    }
+  }
+  void TearDown() override { fs::remove_all(folder_); }
+
+  float& post(int r, int c) { return posts_[static_cast<std::size_t>(r * kCols + c)]; }
+  int row() { return std::uniform_int_distribution(0, kRows - 1)(random_); }
+  int col() { return std::uniform_int_distribution(0, kCols - 1)(random_); }
+  float metres(double least, double most) {
+    const double m = std::exp(std::uniform_real_distribution(std::log(least), std::log(most))(random_));
+    return static_cast<float>(random_() % 2 ? m : -m);
+  }
+  void raise(int r, int c, int n_rows, int n_cols, float by) {
+    for (int i = std::max(r, 0); i < std::min(r + n_rows, kRows); ++i) {
+      for (int j = std::max(c, 0); j < std::min(c + n_cols, kCols); ++j) post(i, j) += by;
+    }
+  }
+  // The highest post around.
+  std::pair<int, int> peak() {
+    const int r0 = row() / 2, c0 = col() / 2;
+    std::pair<int, int> best{r0, c0};
+    for (int r = r0; r < r0 + 40; ++r) {
+      for (int c = c0; c < c0 + 40; ++c) {
+        if (post(r, c) > post(best.first, best.second)) best = {r, c};
+      }
+    }
+    return best;
+  }
+
+  // Says what it did.
+  std::string change() {
+    const float slight = metres(0.001, 3), some = metres(1, 60), large = metres(200, 20'000);
+    switch (random_() % 14) {
+      case 0:
+        return post(row(), col()) += slight, "a post, slightly";
+      case 1:
+        return post(row(), col()) += some, "a post";
+      case 2:
+        return raise(row(), col(), 3, 3, some), "a patch";
+      case 3:
+        return raise(row(), col(), 1, 60, slight), "a row";
+      case 4:
+        return post(row(), col()) += large, "a spike";
+      case 5: {
+        const auto [r, c] = peak();
+        return post(r, c) += slight, "a peak, which is a vertex";
+      }
+      case 6: {
+        // Where tiles of many levels meet.
+        const double at = std::floor(static_cast<double>(col()) / kTilePosts / 4) * 4 * kTilePosts;
+        return raise(row(), static_cast<int>(at) - 1, 2, 3, some), "beside a line";
+      }
+      case 7:
+        return raise(random_() % 2 ? 0 : kRows - 1, col(), 1, 3, some), "at the rim";
+      case 8: {
+        const auto low = std::ldexp(1.0f, -9);
+        return post(row(), col()) += low, "less than a height unit";
+      }
+      case 9:
+        for (int k = 0; k < 4; ++k) raise(row(), col(), 3, 3, slight);
+        return "four patches";
+      case 10:
+        for (int k = 0; k < 6; ++k) post(row(), col()) = kVoid;
+        return "voids";
+      case 11:
+        return raise(row(), col(), 40, 40, some), "a large patch";
+      case 12:
+        std::swap(posts_, earlier_posts_);
+        return "back to what was";
+      default:
+        return raise(row(), col(), 2, 2, metres(0.01, 0.5)), "a little patch";
+    }
+  }
+
+  void write() const {
+    std::vector<float> values;
+    for (int r = kRows - 1; r >= 0; --r) {
+      values.insert(values.end(), posts_.begin() + r * kCols, posts_.begin() + (r + 1) * kCols);
+    }
+    std::ofstream((folder_ / "posts.tif").string(), std::ios::binary)
+        << geotiff_bytes(kCols, kRows, 10.0003, 45.3001, kSpacing, 4326, true, values);
+  }
+  std::string bytes_of(const std::string& name) const {
+    std::ifstream in((folder_ / name).string(), std::ios::binary);
+    return {std::istreambuf_iterator<char>(in), {}};
+  }
+
+  BuildReport build(const std::string& output, const std::string& earlier, double tolerance_m, bool drainage,
+                    int threads) const {
+    BuildOptions o;
+    o.source.inputs = {(folder_ / "posts.tif").string()};
+    o.source.raster.nodata = kVoid;
+    o.output = (folder_ / output).string();
+    o.force = true;
+    o.threads = threads;
+    o.falloff_posts = 12;
+    o.levels.finest_m = tolerance_m;
+    o.lines.drainage = drainage;
+    if (!earlier.empty()) o.earlier = (folder_ / earlier).string();
+    Progress silent(nullptr);
+    auto report = build_pyramid(o, silent);
+    EXPECT_TRUE(report) << (report ? "" : report.error().message);
+    return report ? std::move(*report) : BuildReport{};
+  }
+
+  // Changes and updates so many times, each from the file before.
+  void run(int n, double tolerance_m, bool drainage) {
+    write();
+    build("before.tind", "", tolerance_m, drainage, 2);
+    earlier_posts_ = posts_;
+    for (int k = 0; k < n; ++k) {
+      const std::vector<float> now = posts_;
+      const std::string what = change();
+      earlier_posts_ = now;
+      write();
+      build("whole.tind", "", tolerance_m, drainage, 2);
+      const BuildReport report = build("after.tind", "before.tind", tolerance_m, drainage, 1 + k % 3);
+      ASSERT_TRUE(bytes_of("after.tind") == bytes_of("whole.tind")) << k << ": " << what;
+      fs::rename(folder_ / "after.tind", folder_ / "before.tind");
+      const std::size_t n_levels = report.breakdown.size();
+      for (std::size_t level = 0; level + 2 < n_levels; ++level) {
+        n_repeated_ += report.breakdown[level].repeated;
+        n_whole_ += report.breakdown[level].built - report.breakdown[level].repeated;
+      }
+    }
+  }
+
+  fs::path folder_;
+  std::mt19937 random_{20261122};
+  std::vector<float> posts_, earlier_posts_;    // row 0 is the southernmost
+  std::uint64_t n_repeated_ = 0, n_whole_ = 0;  // tiles of levels with cells
+};
+
+TEST_F(UpdateTest, HasTheBytesOfARebuildAfterAnyChange) {
+  run(48, 12, false);
+  // Both ways were gone.
+  EXPECT_GT(n_repeated_, 100u);
+  EXPECT_GT(n_whole_, 100u);
+  RecordProperty("repeated", fmt::format("{}", n_repeated_));
+  RecordProperty("whole", fmt::format("{}", n_whole_));
+}
+
+TEST_F(UpdateTest, HasTheBytesOfARebuildWithDrainageToo) {
+  run(10, 25, true);
+  EXPECT_GT(n_repeated_ + n_whole_, 20u);
+}
+
+}  // namespace
+}  // namespace tind::test
