@@ -8,12 +8,12 @@ namespace tind {
 void PostSubset::arrange() {
   first_.clear();
   if (posts_.empty()) return;
-  At low = posts_[0], high = posts_[0];
-  for (const At& p : posts_) {
-    low = {std::min(low.row, p.row), std::min(low.col, p.col)};
-    high = {std::max(high.row, p.row), std::max(high.col, p.col)};
+  Post low = posts_[0], high = posts_[0];
+  for (const Post& p : posts_) {
+    low = {std::min(low.row, p.row), std::min(low.col, p.col), 0};
+    high = {std::max(high.row, p.row), std::max(high.col, p.col), 0};
   }
-  all_ = {low.row, low.col, high.row - low.row + 1, high.col - low.col + 1};
+  all_ = {low.row, low.col, std::int64_t{high.row} - low.row + 1, std::int64_t{high.col} - low.col + 1};
   // About one post a bucket, wherever the posts are.
   const double n = static_cast<double>(posts_.size());
   const double rows = static_cast<double>(all_.n_rows), cols = static_cast<double>(all_.n_cols);
@@ -21,16 +21,16 @@ void PostSubset::arrange() {
   bucket_side_ = std::max<std::int64_t>(1, static_cast<std::int64_t>(std::ceil(side)));
   n_bucket_rows_ = (all_.n_rows - 1) / bucket_side_ + 1;
   n_bucket_cols_ = (all_.n_cols - 1) / bucket_side_ + 1;
-  const auto bucket_of = [this](const At& p) {
+  const auto bucket_of = [this](const Post& p) {
     return static_cast<std::size_t>(bucket_row(p.row) * n_bucket_cols_ + bucket_col(p.col));
   };
   first_.assign(static_cast<std::size_t>(n_bucket_rows_ * n_bucket_cols_) + 1, 0);
-  for (const At& p : posts_) ++first_[bucket_of(p) + 1];
+  for (const Post& p : posts_) ++first_[bucket_of(p) + 1];
   for (std::size_t k = 1; k < first_.size(); ++k) first_[k] += first_[k - 1];
   next_.assign(first_.begin(), first_.end() - 1);
   unsorted_.swap(posts_);
   posts_.resize(unsorted_.size());
-  for (const At& p : unsorted_) posts_[next_[bucket_of(p)]++] = p;
+  for (const Post& p : unsorted_) posts_[next_[bucket_of(p)]++] = p;
 }
 
 }  // namespace tind

@@ -7,15 +7,17 @@
 #include <vector>
 
 #include "core/post_blocks.hpp"
+#include "core/triangle_rows.hpp"
 
 namespace tind {
 
-/// Some posts of a window of the grid: boxes, and single ones, found by where they lie. Storage is kept from one window
-/// to the next. Const access is thread safe.
+/// Some posts of a window of the grid: boxes, and single ones with their heights, found by where they lie. Storage is
+/// kept from one window to the next. Const access is thread safe.
 class PostSubset {
  public:
-  struct At {
-    std::int64_t row = 0, col = 0;
+  struct Post {
+    std::int32_t row = 0, col = 0;
+    float height_m = 0;
   };
 
   void clear() {
@@ -24,15 +26,17 @@ class PostSubset {
     first_.clear();
   }
   void add_box(const PostBlocks::Extent& box) { boxes_.push_back(box); }
-  void add_post(const At& post) { posts_.push_back(post); }
+  void add_post(const Post& post) { posts_.push_back(post); }
   /// To be called once all are added.
   void arrange();
 
   const std::vector<PostBlocks::Extent>& boxes() const { return boxes_; }
 
-  /// Calls visit(extent) for boxes that have between them all posts of the subset in `part`, and no others.
-  template <class Visit>
-  void for_boxes(const PostBlocks::Extent& part, Visit visit) const;
+  /// Calls box(extent) and single(post) for parts of boxes and for posts that are between them the subset's in `part`;
+  /// of single ones those beyond the columns that columns_of(first_row, last_row) gives, a pair of numbers, may be left
+  /// out.
+  template <class Columns, class Box, class Single>
+  void visit(const PostBlocks::Extent& part, Columns columns_of, Box box, Single single) const;
 
  private:
   std::int64_t bucket_row(std::int64_t row) const {
@@ -43,35 +47,40 @@ class PostSubset {
   }
 
   std::vector<PostBlocks::Extent> boxes_;
-  std::vector<At> posts_, unsorted_;  // by buckets, which are a regular grid over `all_`
+  std::vector<Post> posts_, unsorted_;  // by buckets, which are a regular grid over `all_`
   PostBlocks::Extent all_;
   std::int64_t bucket_side_ = 1, n_bucket_rows_ = 0, n_bucket_cols_ = 0;
   std::vector<std::uint32_t> first_, next_;  // per bucket, and the end
 };
 
-template <class Visit>
-void PostSubset::for_boxes(const PostBlocks::Extent& part, Visit visit) const {
+template <class Columns, class Box, class Single>
+void PostSubset::visit(const PostBlocks::Extent& part, Columns columns_of, Box box, Single single) const {
   const std::int64_t row_end = part.row + part.n_rows, col_end = part.col + part.n_cols;
   for (const PostBlocks::Extent& b : boxes_) {
     const std::int64_t row = std::max(part.row, b.row), n_rows = std::min(row_end, b.row + b.n_rows) - row;
     const std::int64_t col = std::max(part.col, b.col), n_cols = std::min(col_end, b.col + b.n_cols) - col;
-    if (n_rows > 0 && n_cols > 0) visit(PostBlocks::Extent{row, col, n_rows, n_cols});
+    if (n_rows > 0 && n_cols > 0) box(PostBlocks::Extent{row, col, n_rows, n_cols});
   }
   if (first_.empty() || part.n_rows <= 0 || part.n_cols <= 0) return;
   if (row_end <= all_.row || col_end <= all_.col || part.row >= all_.row + all_.n_rows ||
       part.col >= all_.col + all_.n_cols) {
     return;
   }
-  const std::int64_t i_last = bucket_row(row_end - 1), j_first = bucket_col(part.col), j_last = bucket_col(col_end - 1);
+  const std::int64_t i_last = bucket_row(row_end - 1);
   for (std::int64_t i = bucket_row(part.row); i <= i_last; ++i) {
     // The buckets of a row lie together.
+    const std::int64_t first_row = all_.row + i * bucket_side_;
+    const auto [west, east] =
+        columns_of(static_cast<double>(first_row), static_cast<double>(first_row + bucket_side_ - 1));
+    if (west > east + 2) continue;
+    // A post more to either side, for rounding.
+    const std::int64_t j_first = bucket_col(std::max(part.col, floor_of(west) - 1));
+    const std::int64_t j_last = bucket_col(std::min(col_end - 1, ceil_of(east) + 1));
     const auto begin = static_cast<std::size_t>(i * n_bucket_cols_ + j_first);
     const auto end = static_cast<std::size_t>(i * n_bucket_cols_ + j_last) + 1;
-    for (std::uint32_t k = first_[begin]; k < first_[end]; ++k) {
-      const At& p = posts_[k];
-      if (p.row >= part.row && p.row < row_end && p.col >= part.col && p.col < col_end) {
-        visit(PostBlocks::Extent{p.row, p.col, 1, 1});
-      }
+    for (std::uint32_t k = first_[begin]; begin < end && k < first_[end]; ++k) {
+      const Post& p = posts_[k];
+      if (p.row >= part.row && p.row < row_end && p.col >= part.col && p.col < col_end) single(p);
     }
   }
 }

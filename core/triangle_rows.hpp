@@ -118,6 +118,24 @@ class WidenedRows {
     return {greater(lesser(a - beside_long_, b - beside), west_), lesser(greater(a + beside_long_, b + beside), east_)};
   }
 
+  /// Between these are the cuts of all rows from `first` to `last`, but for rounding.
+  std::pair<double, double> cuts_between(double first, double last) const {
+    const TriangleRows& t = rows_;
+    const double low = lesser(greater(first, t.south()), t.north()), high = lesser(greater(last, t.south()), t.north());
+    double west = HUGE_VAL, east = -HUGE_VAL;
+    const auto include = [&](double col, double beside) {
+      west = lesser(west, col - beside);
+      east = greater(east, col + beside);
+    };
+    for (const double at : {low, high}) {
+      include(t.u(0) + t.long_slope() * (at - t.v(0)), beside_long_);
+      include(at < t.v(1) ? t.u(0) + t.low_slope() * (at - t.v(0)) : t.u(1) + t.high_slope() * (at - t.v(1)),
+              beside_corner());
+    }
+    if (low <= t.v(1) && t.v(1) <= high) include(t.u(1), beside_corner());
+    return {greater(west, west_), lesser(east, east_)};
+  }
+
  private:
   TriangleRows rows_;
   double reach_rows_, west_, east_, beside_long_, beside_low_, beside_high_;

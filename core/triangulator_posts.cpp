@@ -217,11 +217,15 @@ void TilePosts::find_posts_of(std::span<const LocalVertex> vertices, OfVertices&
       const std::int64_t c = floor_of((x - w.x0) * w.per_dx + 0.5), r = floor_of((y - w.y0) * w.per_dy + 0.5);
       if (c < 0 || r < 0 || c >= w.n_cols || r >= w.n_rows) continue;
       if (floor_of(w.x(c) + 0.5) != v.x || floor_of(w.y(r) + 0.5) != v.y) continue;
-      found.posts.push_back({static_cast<std::size_t>(&w - windows_.data()), {r, c}});
-      if (w.is_base_grid) continue;
-      for_parts(w, r, c, c + 1, [&](const float* heights, const PostOrigin*, std::int64_t, std::int64_t) {
-        found.heights_m.push_back(*heights);
-      });
+      float height_m = 0;  // that of the base grid is known elsewhere
+      if (!w.is_base_grid) {
+        for_parts(w, r, c, c + 1, [&height_m](const float* heights, const PostOrigin*, std::int64_t, std::int64_t) {
+          height_m = *heights;
+        });
+        found.heights_m.push_back(height_m);
+      }
+      found.posts.push_back({static_cast<std::size_t>(&w - windows_.data()),
+                             {static_cast<std::int32_t>(r), static_cast<std::int32_t>(c), height_m}});
     }
   }
 }
@@ -246,7 +250,7 @@ bool TilePosts::restrict_to(const OfVertices& vertices, std::span<const PlanBox>
     }
   }
   if (n_kept * (1 + kLeastLeftOut) > n_all) return false;
-  for (const OfVertices::Post& p : vertices.posts) some_[p.window].add_post(p.at);
+  for (const OfVertices::Post& p : vertices.posts) some_[p.window].add_post(p.post);
   for (PostSubset& some : some_) some.arrange();
   is_restricted_ = true;
   return true;

@@ -130,7 +130,7 @@ class TilePosts {
   struct OfVertices {
     struct Post {
       std::size_t window;
-      PostSubset::At at;
+      PostSubset::Post post;
     };
     std::vector<Post> posts;       ///< In the vertices' order.
     std::vector<float> heights_m;  ///< Of those of the field's own grid.
@@ -150,10 +150,10 @@ class TilePosts {
   /// Calls box(extent) for boxes of columns and rows of a window that have all posts within reach of a triangle between
   /// them. Large triangles leave out the blocks of posts of which bound(block, extent) says less than `worst`, which
   /// `box` may raise; the most promising blocks come first. `rows`: of the same triangle, widened by the window's
-  /// reach.
-  template <class Bound, class Visit>
+  /// reach. Of restricted posts the single ones within reach come as single(r, c, height_m) instead.
+  template <class Bound, class Visit, class Single>
   void for_promising_boxes(const TriangleInPosts& t, const WidenedRows& rows, const PostWindow& w, const double& worst,
-                           Bound bound, Visit box) const;
+                           Bound bound, Visit box, Single single) const;
   /// Calls row(r, c_first, c_last) for the posts of a window within reach of a triangle, those of a box.
   template <class Row>
   static void for_rows_in_box(const WidenedRows& rows, const PostWindow& w, const PostBlocks::Extent& e, Row row);
@@ -281,9 +281,9 @@ bool TilePosts::for_strips(const PostWindow& w, const PostBlocks::Extent& e, Str
   return true;
 }
 
-template <class Bound, class Visit>
+template <class Bound, class Visit, class Single>
 void TilePosts::for_promising_boxes(const TriangleInPosts& t, const WidenedRows& rows, const PostWindow& w,
-                                    const double& worst, Bound bound, Visit box) const {
+                                    const double& worst, Bound bound, Visit box, Single single) const {
   // The posts that the triangle may have in a part of the window.
   const auto visit_box = [&](const PostBlocks::Extent& e) {
     const auto [r_first, r_end] = rows_in_box(rows, w, e);
@@ -292,10 +292,15 @@ void TilePosts::for_promising_boxes(const TriangleInPosts& t, const WidenedRows&
     if (r_first < r_end && c_first < c_end) box({r_first, c_first, r_end - r_first, c_end - c_first});
   };
   if (is_restricted_) {
-    const std::int64_t row = std::max<std::int64_t>(0, ceil_of(rows.south()));
-    const std::int64_t col = std::max<std::int64_t>(0, ceil_of(rows.west()));
-    some_[static_cast<std::size_t>(&w - windows_.data())].for_boxes(
-        {row, col, floor_of(rows.north()) + 1 - row, floor_of(rows.east()) + 1 - col}, visit_box);
+    const std::int64_t r0 = std::max<std::int64_t>(0, ceil_of(rows.south()));
+    const std::int64_t c0 = std::max<std::int64_t>(0, ceil_of(rows.west()));
+    some_[static_cast<std::size_t>(&w - windows_.data())].visit(
+        {r0, c0, floor_of(rows.north()) + 1 - r0, floor_of(rows.east()) + 1 - c0},
+        [&rows](double first, double last) { return rows.cuts_between(first, last); }, visit_box,
+        [&](const PostSubset::Post& p) {
+          const auto [west, east] = rows.cuts(static_cast<double>(p.row));
+          if (p.col >= ceil_of(west) && p.col <= floor_of(east)) single(p.row, p.col, p.height_m);
+        });
     return;
   }
   if (w.is_base_grid || !has_blocks() || !t.is_large()) {

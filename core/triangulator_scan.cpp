@@ -184,17 +184,20 @@ FaceCandidate FaceScanner::scan(std::int32_t face) const {
     const TriangleInPosts in(plan, w);
     const WidenedRows rows(TriangleRows(in.u, in.v), w.reach);
     const PlaneOverPosts over = plane_over(plane, w);
+    const auto part = [&](std::int64_t r, double z, const float* heights, const PostOrigin* origins,
+                          std::int64_t c_begin, std::int64_t c_end) {
+      // Blocks come in any order: of equal errors the first post counts.
+      double found = at.window == &w ? std::nextafter(worst, 0.0) : worst;
+      const std::int64_t c = worst_in_row(heights, c_begin, c_end, z, per_col, origins, found);
+      if (c < 0 || (found == worst && !at.is_after(w, r, c))) return;
+      worst = found;
+      at = {&w, r, c};
+    };
     const auto row = [&](std::int64_t r, std::int64_t c_first, std::int64_t c_last) {
       const double z = plane.at(w.x0, w.y(r));
       posts_.for_parts(w, r, c_first, c_last + 1,
                        [&](const float* heights, const PostOrigin* origins, std::int64_t c_begin, std::int64_t c_end) {
-                         // Blocks come in any order: of equal errors the first post counts.
-                         double least = at.is_after(w, r, c_end - 1) ? std::nextafter(worst, 0.0) : worst;
-                         const std::int64_t c = worst_in_row(heights, c_begin, c_end, z, per_col,
-                                                             w.all_promised ? nullptr : origins, least);
-                         if (c < 0) return;
-                         worst = least;
-                         at = {&w, r, c};
+                         part(r, z, heights, w.all_promised ? nullptr : origins, c_begin, c_end);
                        });
     };
     const auto strip = [&](const PostStrip& s) {
@@ -209,6 +212,9 @@ FaceCandidate FaceScanner::scan(std::int32_t face) const {
         [&](const PostBlock& block, const PostBlocks::Extent& e) { return plane_bound(plane, w, block, e); },
         [&](const PostBlocks::Extent& e) {
           if (!w.all_promised || !posts_.for_strips(w, e, strip)) TilePosts::for_rows_in_box(rows, w, e, row);
+        },
+        [&](std::int64_t r, std::int64_t c, float height_m) {
+          part(r, plane.at(w.x0, w.y(r)), &height_m, nullptr, c, c + 1);
         });
   }
   if (at.window == nullptr) return {};
@@ -292,27 +298,32 @@ FaceCandidate FaceScanner::scan_thoroughly(std::int32_t face, const FacePlane& p
       posts_.for_promising_boxes(
           in, rows, w, own_worst.error_m,
           [](const PostBlock&, const PostBlocks::Extent&) { return std::numeric_limits<double>::infinity(); },
-          [&](const PostBlocks::Extent& e) { TilePosts::for_rows_in_box(rows, w, e, row); });
+          [&](const PostBlocks::Extent& e) { TilePosts::for_rows_in_box(rows, w, e, row); },
+          [&](std::int64_t r, std::int64_t c, float) { row(r, c, c); });
       continue;
     }
-    const auto row = [&](std::int64_t r, std::int64_t c_first, std::int64_t c_last) {
+    const auto part = [&](std::int64_t r, const float* heights, const PostOrigin* origins, std::int64_t c_begin,
+                          std::int64_t c_end) {
       const double y = w.y(r), z = plane.at(w.x0, y), per_col = plane.slope_x * w.dx;
       const double served_z = served.at(w.x0, y), served_per_col = served.slope_x * w.dx;
       const std::int64_t row_index = w.first_index + r * w.n_cols;
-      posts_.for_parts(
-          w, r, c_first, c_last + 1,
-          [&](const float* heights, const PostOrigin* origins, std::int64_t c_begin, std::int64_t c_end) {
-            double col = static_cast<double>(c_begin);
-            for (std::int64_t c = c_begin; c < c_end; ++c, ++col) {
-              const double height = static_cast<double>(heights[c - c_begin]);
-              const double own = is_fan ? guard_.fan_error(guard, w.x(c), y, height)
-                                        : std::abs(z + per_col * col - height) + guard.extra_m;
-              const double served_error = std::abs(served_z + served_per_col * col - height) + served_rounding_m_;
-              if (std::max(own, served_error) > tolerance && origins[c - c_begin] != PostOrigin::kInterpolated) {
-                consider(own, served_error, w.x(c), y, row_index + c);
-              }
-            }
-          });
+      double col = static_cast<double>(c_begin);
+      for (std::int64_t c = c_begin; c < c_end; ++c, ++col) {
+        const double height = static_cast<double>(heights[c - c_begin]);
+        const double own =
+            is_fan ? guard_.fan_error(guard, w.x(c), y, height) : std::abs(z + per_col * col - height) + guard.extra_m;
+        const double served_error = std::abs(served_z + served_per_col * col - height) + served_rounding_m_;
+        if (std::max(own, served_error) > tolerance &&
+            (origins == nullptr || origins[c - c_begin] != PostOrigin::kInterpolated)) {
+          consider(own, served_error, w.x(c), y, row_index + c);
+        }
+      }
+    };
+    const auto row = [&](std::int64_t r, std::int64_t c_first, std::int64_t c_last) {
+      posts_.for_parts(w, r, c_first, c_last + 1,
+                       [&](const float* heights, const PostOrigin* origins, std::int64_t c_begin, std::int64_t c_end) {
+                         part(r, heights, origins, c_begin, c_end);
+                       });
     };
     posts_.for_promising_boxes(
         in, rows, w, own_worst.error_m,
@@ -321,7 +332,8 @@ FaceCandidate FaceScanner::scan_thoroughly(std::int32_t face, const FacePlane& p
           if (own_worst.post >= 0) return own_m;
           return std::max(own_m, plane_bound(served, w, block, e) + served_rounding_m_);
         },
-        [&](const PostBlocks::Extent& e) { TilePosts::for_rows_in_box(rows, w, e, row); });
+        [&](const PostBlocks::Extent& e) { TilePosts::for_rows_in_box(rows, w, e, row); },
+        [&](std::int64_t r, std::int64_t c, float height_m) { part(r, &height_m, nullptr, c, c + 1); });
   }
   posts_.for_points(plan, posts_.reach(), [&](std::uint32_t k, const TilePoint& p) {
     consider_at(p.x, p.y, p.height_m, posts_.index_of_point(k));

@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "storage/value_hash.hpp"
+
 namespace tind {
 namespace {
 
@@ -15,6 +17,19 @@ TileInputs::Digest digest_from(ByteReader& in) {
   const ByteView bytes = in.raw(digest.size());
   std::copy(bytes.begin(), bytes.end(), digest.begin());
   return digest;
+}
+
+// The hash of all before it ends a record: what the manifest's content hash covers does not include it.
+Bytes sealed(Bytes record) {
+  ByteWriter seal;
+  seal.fixed(value_hash(record));
+  const Bytes end = seal.take();
+  record.insert(record.end(), end.begin(), end.end());
+  return record;
+}
+bool is_sealed(ByteView record, ByteReader& end) {
+  const auto hash = end.fixed<std::uint64_t>();
+  return record.size() > sizeof hash && hash == value_hash(record.first(record.size() - sizeof hash));
 }
 
 // False where no builder can have measured that.
@@ -48,7 +63,7 @@ Bytes encode_inputs(const TileInputs& inputs) {
     out.uvarint(n);
   }
   out.fixed(inputs.n_cell_levels);
-  if (inputs.n_cell_levels == 0) return out.take();
+  if (inputs.n_cell_levels == 0) return sealed(out.take());
   out.fixed(inputs.vertex_posts);
   for (const CellErrors& cell : inputs.cells) {
     out.uvarint(cell.n_posts);
@@ -56,7 +71,7 @@ Bytes encode_inputs(const TileInputs& inputs) {
     out.fixed(cell.sum_m2);
     out.fixed(cell.largest_m);
   }
-  return out.take();
+  return sealed(out.take());
 }
 
 Result<TileInputs> decode_inputs(ByteView record) {
@@ -73,7 +88,7 @@ Result<TileInputs> decode_inputs(ByteView record) {
        {&inputs.n_inserted, &inputs.n_of_lines, &inputs.n_outside, &inputs.n_line_pieces, &inputs.n_left_out}) {
     *n = in.uvarint();
   }
-  const bool sound = tag == kFirstTag || (tag == kInputsTag && read_cells(in, inputs));
+  const bool sound = tag == kFirstTag || (tag == kInputsTag && read_cells(in, inputs) && is_sealed(record, in));
   if (!sound || !in.finished()) return fail(ErrorKind::kCorrupt, "broken inputs record");
   return inputs;
 }

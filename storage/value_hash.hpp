@@ -7,7 +7,8 @@
 
 namespace tind {
 
-/// 64-bit XXH3 of the bytes. Not stored anywhere: for tables in memory and for entity tags. Pure, thread safe.
+/// 64-bit XXH3 of the bytes: for tables in memory, entity tags, and inputs records (docs/format.md 5). Pure, thread
+/// safe.
 std::uint64_t value_hash(ByteView bytes);
 
 }  // namespace tind

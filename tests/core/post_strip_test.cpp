@@ -113,6 +113,23 @@ TEST_F(StripTest, WidenedRowsHaveAllWithinReach) {
   EXPECT_GT(most_beyond, 1);
 }
 
+TEST_F(StripTest, CutsOfSeveralRowsLieBetweenTheirBounds) {
+  std::uniform_real_distribution<double> some(0, 20);
+  for (int k = 0; k < 50'000; ++k, next()) {
+    const Reach reach{some(random_) / 10, some(random_) / 10};
+    const WidenedRows rows(TriangleRows(u_, v_), reach);
+    const double first = std::floor(rows.south() + some(random_) - 10), last = first + std::floor(some(random_));
+    const auto [west, east] = rows.cuts_between(first, last);
+    for (double row = first; row <= last; ++row) {
+      if (row < rows.south() || row > rows.north()) continue;
+      const auto [row_west, row_east] = rows.cuts(row);
+      if (row_west > row_east) continue;
+      ASSERT_LE(west, row_west + 1e-9) << k;
+      ASSERT_GE(east, row_east - 1e-9) << k;
+    }
+  }
+}
+
 TEST_F(StripTest, WorstIsThatOfAPlainLoop) {
   std::uniform_real_distribution<double> least(0, 60);
   int n_found = 0, n_none = 0;

@@ -181,6 +181,7 @@ TEST_F(DoctorTest, FindsDamagedInputs) {
         field, [&](DamagedStore& s) { edit(s.value(inputs_)); }, name_of(inputs_), "broken inputs");
   };
   raw("tag", [](Bytes& r) { r[0] = 'i'; });
+  raw("a digest", [](Bytes& r) { r[20] ^= 1; });
   raw("cut off", [](Bytes& r) { r.pop_back(); });
   raw("trailing byte", [](Bytes& r) { r.push_back(0); });
   raw("compressed", [](Bytes& r) { r = zstd_compress(r, 3); });

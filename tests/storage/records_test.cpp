@@ -13,6 +13,7 @@
 #include "storage/manifest.hpp"
 #include "storage/inputs_blob.hpp"
 #include "storage/piece_blob.hpp"
+#include "storage/value_hash.hpp"
 #include "storage/zstd_codec.hpp"
 #include "tests/support/memory_watch.hpp"
 #include "tests/support/test_field.hpp"
@@ -131,6 +132,30 @@ TEST(InputsRecord, ComesBackAndSurvivesDamage) {
   EXPECT_FALSE(decode_inputs(other));
 }
 
+// With the hash that it ought to have.
+Bytes sealed(Bytes record) {
+  const std::uint64_t hash = value_hash(ByteView(record).first(record.size() - 8));
+  for (std::size_t k = 0; k < 8; ++k) record[record.size() - 8 + k] = static_cast<std::uint8_t>(hash >> (8 * k));
+  return record;
+}
+
+TEST(InputsRecord, NoticesAnyDamage) {
+  TileInputs inputs;
+  inputs.n_cell_levels = 3;
+  inputs.cells.resize(64);
+  for (std::size_t k = 0; k < 64; k += 5) inputs.cells[k] = {k + 1, 0.25 * static_cast<double>(k), 1.5f};
+  const Bytes record = encode_inputs(inputs);
+  EXPECT_EQ(sealed(record), record);
+  for (std::size_t at = 0; at < record.size(); ++at) {
+    for (int bit = 0; bit < 8; ++bit) {
+      Bytes damaged = record;
+      damaged[at] ^= static_cast<std::uint8_t>(1 << bit);
+      EXPECT_FALSE(decode_inputs(damaged)) << at;
+      if (at + 8 < record.size()) decode_inputs(sealed(damaged));  // whatever it is, it is read to its end
+    }
+  }
+}
+
 TEST(InputsRecord, HasCellsOrNone) {
   TileInputs inputs;
   inputs.n_cell_levels = 2;
@@ -139,13 +164,13 @@ TEST(InputsRecord, HasCellsOrNone) {
   inputs.cells[3] = {70'000, 12.5, 3.25f};
   inputs.cells[15] = {1, 0, 0};
   const Bytes record = encode_inputs(inputs);
-  EXPECT_EQ(record.size(), 33u + 5 + 1 + 8 + 14 + 15 + 13);  // an empty cell is a byte
+  EXPECT_EQ(record.size(), 33u + 5 + 1 + 8 + 14 + 15 + 13 + 8);  // an empty cell is a byte
   EXPECT_EQ(decode_inputs(record).value(), inputs);
   for (std::size_t n = 0; n < record.size(); ++n) EXPECT_FALSE(decode_inputs(ByteView(record).first(n))) << n;
   for (const int levels : {0, 1, 3, 6, 255}) {
     Bytes other = record;
     other[38] = static_cast<std::uint8_t>(levels);
-    EXPECT_FALSE(decode_inputs(other)) << levels;
+    EXPECT_FALSE(decode_inputs(sealed(other))) << levels;
   }
   for (const double wrong : {-1.0, std::numeric_limits<double>::infinity(), std::nan("")}) {
     inputs.cells[3].sum_m2 = wrong;
