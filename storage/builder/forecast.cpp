@@ -14,6 +14,7 @@
 #include <thread>
 #include <utility>
 
+#include "core/virtual_node.hpp"
 #include "storage/builder/elevation_source.hpp"
 #include "storage/builder/ordered_pipeline.hpp"
 #include "storage/builder/plan.hpp"
@@ -487,6 +488,22 @@ class Forecaster {
   double grid_posts_ = 0;
 };
 
+// Inputs records: digests and counts, and of rasters a byte for each cell and errors of those with posts, which are
+// about as many as there are tiles that far down.
+double inputs_bytes(const std::vector<LevelCost>& levels, const ElevationSource& source) {
+  constexpr double kRecordBytes = 90, kCellBytes = 15;
+  constexpr std::size_t kLeastCellLevels = 2;
+  double bytes = 0;
+  for (std::size_t level = 0; level < levels.size(); ++level) {
+    bytes += levels[level].tiles * kRecordBytes;
+    const std::size_t below = std::min<std::size_t>(kMostCellLevels, levels.size() - 1 - level);
+    if (source.has_points() || below < kLeastCellLevels) continue;
+    bytes +=
+        levels[level].tiles * std::exp2(2.0 * static_cast<double>(below)) + levels[level + below].tiles * kCellBytes;
+  }
+  return bytes;
+}
+
 // Time of all, memory and disk, from the parts.
 void sum_up(const BuildOptions& options, const ElevationSource& source, double grid_posts, Forecast& out) {
   out.tile_seconds = out.total(&LevelCost::seconds) * kTileFactor;
@@ -494,7 +511,7 @@ void sum_up(const BuildOptions& options, const ElevationSource& source, double g
   out.seconds_one = out.read_seconds + out.line_seconds + out.tile_seconds;
   out.seconds = out.read_seconds + out.line_seconds +
                 out.tile_seconds / std::max(1.0, out.threads * (out.threads > 1 ? kThreadEfficiency : 1.0));
-  out.output_bytes = static_cast<std::uint64_t>(out.total(&LevelCost::bytes));
+  out.output_bytes = static_cast<std::uint64_t>(out.total(&LevelCost::bytes) + inputs_bytes(out.levels, source));
   double copy = grid_posts * kCopyBytesPerPost + (source.has_points() ? out.posts * kPointBytes : 0);
   double peak = copy + (options.lines.drainage ? grid_posts * kDrainageBytesPerPost : 0);
   out.scratch_bytes = static_cast<std::uint64_t>(peak);
