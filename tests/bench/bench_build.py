@@ -6,7 +6,8 @@ usage: bench_build.py PROGRAMS [INPUT] [--tolerance M] [--runs N] [--work FOLDER
 
 PROGRAMS is the folder of tind-build and bench_greedy_baseline. Without INPUT the 4801 x 4801 posts of the issue are made
 from ../shared/data/raster/sierra-2x2, mirrored twice each way. All cases run once, then all again, and so on, so that a
-machine that slows down slows all of them; medians count. Processor seconds are user and system time (getrusage), the
+machine that slows down slows all of them; medians count. A case of one core is held to one, with all that its process
+does beside the work (reading ahead, writing), as a machine of one core would; a case of two cores is held to two. Processor seconds are user and system time (getrusage), the
 reference's without reading the raster; memory is the largest resident set, mapped files included.
 """
 import argparse
@@ -25,10 +26,12 @@ REFERENCE = "(a) one greedy mesh, plain CGAL"
 TUNED = "(a') the same, own predicates"
 
 
-def run(command):
-    """Runs to the end. Gives what it printed, and its processor seconds, wall seconds and peak memory in bytes."""
+def run(command, n_cores):
+    """Runs to the end on so many cores. Gives what it printed, and its processor seconds, wall seconds and peak memory in bytes."""
     start = time.monotonic()
-    process = subprocess.Popen([str(word) for word in command], stdout=subprocess.PIPE)
+    cores = sorted(os.sched_getaffinity(0))[:n_cores]
+    process = subprocess.Popen([str(word) for word in command], stdout=subprocess.PIPE,
+                               preexec_fn=lambda: os.sched_setaffinity(0, cores))
     printed = process.stdout.read()
     _, status, usage = os.wait4(process.pid, 0)
     process.returncode = os.waitstatus_to_exitcode(status)
@@ -56,25 +59,25 @@ def processor():
 
 
 def make_cases(programs, raster, tolerance, work):
-    """Name -> (command, file it writes or None)."""
+    """Name -> (command, cores, file it writes or None)."""
     reference = programs / "bench_greedy_baseline"
-    cases = {REFERENCE: ([reference, raster, tolerance], None),
-             TUNED: ([reference, "--own-predicates", raster, tolerance], None)}
+    cases = {REFERENCE: ([reference, raster, tolerance], 1, None),
+             TUNED: ([reference, "--own-predicates", raster, tolerance], 1, None)}
     for drainage in (False, True):
-        for threads in (1, 2):
-            name = f"pyramid, {'with' if drainage else 'no'} drainage, {threads} thread{'s' if threads > 1 else ''}"
-            out = work / f"bench_{'drainage' if drainage else 'plain'}_{threads}.tind"
+        for n_cores in (1, 2):
+            name = f"pyramid, {'with' if drainage else 'no'} drainage, {n_cores} core{'s' if n_cores > 1 else ''}"
+            out = work / f"bench_{'drainage' if drainage else 'plain'}_{n_cores}.tind"
             command = [programs / "tind-build", raster, "-o", out, "--force", "-q", "--tolerance", tolerance,
-                       "--threads", threads] + ([] if drainage else ["--no-drainage"])
-            cases[name] = (command, out)
+                       "--threads", n_cores] + ([] if drainage else ["--no-drainage"])
+            cases[name] = (command, n_cores, out)
     return cases
 
 
 def measure(cases, n_runs):
     runs = {name: [] for name in cases}
     for turn in range(n_runs):
-        for name, (command, out) in cases.items():
-            printed, figures = run(command)
+        for name, (command, n_cores, out) in cases.items():
+            printed, figures = run(command, n_cores)
             if name in (REFERENCE, TUNED):
                 figures.update(json.loads(printed))
                 figures["process_cpu_s"] = figures["cpu_s"]
@@ -89,13 +92,13 @@ def measure(cases, n_runs):
 
 def check_same_bytes(cases):
     for kind in ("no", "with"):
-        files = [out for name, (_, out) in cases.items() if f", {kind} drainage" in name]
+        files = [out for name, (_, _, out) in cases.items() if f", {kind} drainage" in name]
         if len(files) == 2 and not filecmp.cmp(*files, shallow=False):
             sys.exit(f"bench_build: {files[0]} and {files[1]} differ: the bytes depend on the number of threads")
 
 
 def summary(runs):
-    """Medians, and ratios to the reference and to one thread."""
+    """Medians, and ratios to the reference and to one core."""
     medians = {name: {key: statistics.median(figures[key] for figures in all_runs) for key in all_runs[0]}
                for name, all_runs in runs.items()}
     for name, figures in medians.items():
@@ -104,9 +107,9 @@ def summary(runs):
         for key, reference in (("cpu_to_reference", REFERENCE), ("cpu_to_tuned", TUNED)):
             if reference in medians:
                 figures[key] = figures["cpu_s"] / medians[reference]["cpu_s"]
-        one_thread = name.replace("2 threads", "1 thread")
-        if one_thread != name and one_thread in medians:
-            figures["speedup"] = medians[one_thread]["wall_s"] / figures["wall_s"]
+        one_core = name.replace("2 cores", "1 core")
+        if one_core != name and one_core in medians:
+            figures["speedup"] = medians[one_core]["wall_s"] / figures["wall_s"]
     return medians
 
 
