@@ -32,7 +32,7 @@ constexpr double kLineShare = 0.1;
 constexpr double kMapsWhileReading = 0.4;
 constexpr double kMapsWhileBuilding = 0.48;
 // How fast tiles bring in pages, at most, on each thread and the one that stores them.
-constexpr std::uint64_t kTileBytesPerMs = std::uint64_t{2} << 20;
+constexpr std::uint64_t kTileBytesPerMs = std::uint64_t{6} << 20;
 // Posts and their blocks stay arrays up to such a share of it: pages are not needed to bound memory then, and cost a
 // twentieth of the build.
 constexpr double kPostsAsArrays = 0.3;
