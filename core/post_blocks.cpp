@@ -14,9 +14,6 @@
 namespace tind {
 namespace {
 
-using Four = double __attribute__((vector_size(32)));
-using FourFloats = float __attribute__((vector_size(16)));
-
 constexpr float kInfinity = std::numeric_limits<float>::infinity();
 /// Share of the size of a plane's terms by which two double evaluations of a residual may differ, with room to spare:
 /// each makes at most four roundings of 2^-53.
@@ -131,22 +128,8 @@ ColumnResiduals residuals_of_columns(const float* heights, std::int64_t stride, 
   return s;
 }
 
-namespace narrow {
-#include "core/post_blocks_loops.inc"
-}  // namespace narrow
-
-#if defined(__x86_64__) && !defined(__clang__)
-#pragma GCC push_options
-#pragma GCC target("avx2")
-namespace wide {
-#include "core/post_blocks_loops.inc"
-}  // namespace wide
-#pragma GCC pop_options
-const bool kIsWide = __builtin_cpu_supports("avx2");
-#else
-namespace wide = narrow;
-constexpr bool kIsWide = false;
-#endif
+#define TIND_LOOPS "core/post_blocks_loops.inc"
+#include "core/register_widths.inc"
 
 LeafSums sums_of_leaf(const float* heights, std::int64_t stride, std::int64_t n_rows, std::int64_t n_cols) {
   const bool whole = n_cols == PostBlocks::kSide;

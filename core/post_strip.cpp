@@ -9,26 +9,10 @@
 namespace tind {
 namespace {
 
-using Four = double __attribute__((vector_size(32)));
-using FourFloats = float __attribute__((vector_size(16)));
 using FourBits = std::int64_t __attribute__((vector_size(32)));
 
-namespace narrow {
-#include "core/post_strip_loops.inc"
-}  // namespace narrow
-
-#if defined(__x86_64__) && !defined(__clang__)
-#pragma GCC push_options
-#pragma GCC target("avx2")
-namespace wide {
-#include "core/post_strip_loops.inc"
-}  // namespace wide
-#pragma GCC pop_options
-const bool kIsWide = __builtin_cpu_supports("avx2");
-#else
-namespace wide = narrow;
-constexpr bool kIsWide = false;
-#endif
+#define TIND_LOOPS "core/post_strip_loops.inc"
+#include "core/register_widths.inc"
 
 }  // namespace
 
