@@ -11,6 +11,7 @@
 #include <optional>
 #include <thread>
 
+#include "storage/builder/duration.hpp"
 #include "storage/builder/earlier_pyramid.hpp"
 #include "storage/builder/output_file.hpp"
 #include "storage/builder/resident_limit.hpp"
@@ -38,10 +39,6 @@ constexpr std::uint64_t kTileBytesPerMs = std::uint64_t{6} << 20;
 constexpr double kPostsAsArrays = 0.3;
 // Share of it that pages of posts take, of all threads together.
 constexpr double kPagesOfPosts = 0.2;
-
-double seconds_since(std::chrono::steady_clock::time_point start) {
-  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-}
 
 const char* mode_name(LevelMode mode) { return mode == LevelMode::kStandard ? "standard" : "non-standard"; }
 

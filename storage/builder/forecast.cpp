@@ -15,6 +15,7 @@
 #include <utility>
 
 #include "core/virtual_node.hpp"
+#include "storage/builder/duration.hpp"
 #include "storage/builder/elevation_source.hpp"
 #include "storage/builder/ordered_pipeline.hpp"
 #include "storage/builder/plan.hpp"
@@ -49,8 +50,6 @@ constexpr double kThreadEfficiency = 0.93;
 // Of the working copy: heights, origins and block pyramid a post; of drainage while it is derived.
 constexpr double kCopyBytesPerPost = 7.4, kDrainageBytesPerPost = 14, kPointBytes = 24;
 constexpr double kBaseMemory = 40e6, kMemoryPerThread = 20e6, kMemoryPerBorderVertex = 20, kResidentShare = 0.4;
-
-double seconds_since(Clock::time_point start) { return std::chrono::duration<double>(Clock::now() - start).count(); }
 
 struct Region {
   TileKey key;

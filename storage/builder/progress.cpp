@@ -17,10 +17,6 @@ constexpr std::chrono::milliseconds kRenewal{100};
 constexpr std::chrono::seconds kLinePeriod{60};
 constexpr double kLeastFraction = 0.05, kPatience_s = 30;
 
-double seconds_since(std::chrono::steady_clock::time_point start) {
-  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-}
-
 // Before a twentieth is done an estimate is noise, but who waits for a day wants to know.
 bool tells(double fraction, double elapsed_s) {
   return fraction > kLeastFraction || (elapsed_s > kPatience_s && fraction > kLeastFraction / 50);

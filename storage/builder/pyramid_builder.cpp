@@ -18,6 +18,7 @@
 #include "core/tessellation.hpp"
 #include "core/triangulator.hpp"
 #include "storage/builder/border_lines.hpp"
+#include "storage/builder/duration.hpp"
 #include "storage/builder/level_times.hpp"
 #include "storage/builder/ordered_pipeline.hpp"
 #include "storage/builder/plan.hpp"
@@ -37,10 +38,6 @@ namespace {
 constexpr double kDisagreementShare = 1.0 / 8;
 // Margins never take more than this part of a tolerance.
 constexpr double kMostMargin = 1.0 / 2;
-
-double seconds_since(std::chrono::steady_clock::time_point start) {
-  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-}
 
 // A built or taken-over tile, ready to be written.
 struct TileResult {
