@@ -17,8 +17,6 @@
 #include <fstream>
 #include <new>
 
-#include "core/format/fnv1a.hpp"
-
 namespace tind {
 namespace {
 
@@ -254,8 +252,8 @@ Result<TileStore::Snapshot> TileStore::snapshot() const {
 
 ByteView TileStore::map() const { return map_of(impl_->env); }
 
-Result<std::string> content_hash(const TileStore::Snapshot& snapshot) {
-  Fnv1a hash;
+Result<std::string> content_hash(const TileStore::Snapshot& snapshot, ContentHash::Kind kind) {
+  ContentHash hash(kind);
   TileStore::Cursor cursor(snapshot);
   for (;;) {
     const auto piece = cursor.next();
@@ -276,8 +274,9 @@ struct TileStoreWriter::Impl {
   bool has_committed = false;
   std::optional<std::array<std::uint8_t, kKeyBytes>> last_earlier;  // largest key that an earlier writer left
   bool had_manifest = false;
-  Fnv1a hash;
+  ContentHash hash;
 
+  Impl(std::string path_given, ContentHash::Kind kind) : path(std::move(path_given)), hash(kind) {}
   ~Impl() {
     if (txn) mdb_txn_abort(txn);
     if (env) mdb_env_close(env);
@@ -344,21 +343,19 @@ Result<TileStoreWriter> TileStoreWriter::create(const std::string& path) {
   const int fd = ::open(path.c_str(), O_CREAT | O_EXCL | O_RDWR | O_CLOEXEC, kFileMode);
   if (fd < 0) return fail(ErrorKind::kIo, path + ": cannot be created: " + std::strerror(errno));
   ::close(fd);
-  auto impl = std::make_unique<Impl>();
-  impl->path = path;
+  auto impl = std::make_unique<Impl>(path, ContentHash::Kind::kXxh3);
   if (auto opened = impl->open(); !opened) return tl::unexpected(opened.error());
   return TileStoreWriter(std::move(impl));
 }
 
-Result<TileStoreWriter> TileStoreWriter::go_on(const std::string& path) {
+Result<TileStoreWriter> TileStoreWriter::go_on(const std::string& path, ContentHash::Kind kind) {
   // Stopped before its first two pages were there, a file is none yet.
   struct stat info {};
   if (::stat(path.c_str(), &info) == 0 && info.st_size < 2 * ::sysconf(_SC_PAGESIZE) &&
       ::truncate(path.c_str(), 0) != 0) {
     return fail(ErrorKind::kIo, path + ": cannot be written: " + std::strerror(errno));
   }
-  auto impl = std::make_unique<Impl>();
-  impl->path = path;
+  auto impl = std::make_unique<Impl>(path, kind);
   if (auto opened = impl->open(); !opened) return tl::unexpected(opened.error());
   if (auto found = impl->find_last_earlier(); !found) return tl::unexpected(found.error());
   return TileStoreWriter(std::move(impl));

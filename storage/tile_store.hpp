@@ -9,6 +9,7 @@
 #include "core/format/bytes.hpp"
 #include "core/piece_key.hpp"
 #include "core/result.hpp"
+#include "storage/content_hash.hpp"
 #include "storage/store_pages.hpp"
 
 namespace tind {
@@ -85,9 +86,8 @@ class TileStore {
   std::unique_ptr<Impl> impl_;
 };
 
-/// 64-bit FNV-1a over the keys and values of all pieces but kInputs, in the file's order, as 16 hexadecimal digits: the
-/// manifest's content_hash (docs/format.md 9). Fails as Cursor::next does.
-Result<std::string> content_hash(const TileStore::Snapshot& snapshot);
+/// The content hash of a file's pieces. Fails as Cursor::next does.
+Result<std::string> content_hash(const TileStore::Snapshot& snapshot, ContentHash::Kind kind);
 
 /// Writes a `.tind` file. One thread. Keys must come in storage order, the manifest last. What was appended is on disk
 /// every few megabytes; a file that was left there, by a crash or a full disk, can be gone on with, and then has the
@@ -97,8 +97,9 @@ class TileStoreWriter {
   /// Creates `path`, which must not exist.
   static Result<TileStoreWriter> create(const std::string& path);
   /// Opens what an earlier writer left unfinished, or creates `path`. The same pieces must be appended again from the
-  /// first on: those that are there are compared and cost no writing. kCorrupt: not such a file.
-  static Result<TileStoreWriter> go_on(const std::string& path);
+  /// first on: those that are there are compared and cost no writing. `kind`: of content_hash(). kCorrupt: not such a
+  /// file.
+  static Result<TileStoreWriter> go_on(const std::string& path, ContentHash::Kind kind = ContentHash::Kind::kXxh3);
   TileStoreWriter(TileStoreWriter&&) noexcept;
   TileStoreWriter& operator=(TileStoreWriter&&) noexcept;
   /// Without finish() the file is left as it is, unfinished; the caller removes it.
@@ -115,7 +116,7 @@ class TileStoreWriter {
   std::optional<ByteView> find(const PieceKey& key) const;
   /// The file in memory; empty where that cannot be told. Valid until the next append.
   ByteView map() const;
-  /// 64-bit FNV-1a over the keys and values appended so far, those of kInputs apart, as 16 hexadecimal digits.
+  /// Of the pieces appended so far.
   std::string content_hash() const;
   /// Writes the manifest, commits, syncs to disk and closes.
   Result<void> finish(ByteView manifest_value);

@@ -45,7 +45,7 @@ Result<void> EarlierPyramid::check_content(const std::string& path) const {
   if (manifest.content_hash.empty()) return {};
   const auto own = store.snapshot();
   if (!own) return tl::unexpected(own.error());
-  const auto hash = content_hash(*own);
+  const auto hash = content_hash(*own, ContentHash::kind_of(manifest.content_hash));
   if (!hash) return fail(hash.error().kind, path + ": " + hash.error().message);
   if (*hash == manifest.content_hash) return {};
   return fail(ErrorKind::kCorrupt, path +

@@ -70,7 +70,9 @@ class Merger {
     nlohmann::json job = {{"merge", nlohmann::json::array()}};
     for (const Input& input : inputs_) job["merge"].push_back(input.pyramid.manifest.content_hash);
     if (auto checked = unfinished->check_job(job); !checked) return tl::unexpected(checked.error());
-    auto writer = TileStoreWriter::go_on(unfinished->path());
+    // Shards of an older builder make the bytes that one build of its would have made.
+    auto writer =
+        TileStoreWriter::go_on(unfinished->path(), ContentHash::kind_of(inputs_.front().pyramid.manifest.content_hash));
     if (!writer) return tl::unexpected(writer.error());
 
     MergeReport report;

@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "core/drainage/flow_run.hpp"
-#include "storage/builder/digest.hpp"
+#include "storage/digest.hpp"
 #include "storage/builder/version.hpp"
 
 namespace tind {

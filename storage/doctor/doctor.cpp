@@ -12,7 +12,7 @@
 #include <utility>
 #include <vector>
 
-#include "core/format/fnv1a.hpp"
+#include "storage/content_hash.hpp"
 #include "storage/doctor/manifest_checks.hpp"
 #include "storage/store_pages.hpp"
 #include "storage/doctor/tile_checks.hpp"
@@ -124,7 +124,7 @@ class Doctor {
 
   // Every record but the bodies, which are decoded with their tiles; and the content hash.
   void read_pieces(const StorePages& pages) {
-    Fnv1a hash;
+    ContentHash hash(ContentHash::kind_of(manifest_.content_hash));
     std::uint64_t n_bytes = 0;
     pages.walk(
         [&](ByteView key, ByteView value) {

@@ -5,7 +5,7 @@
 
 #include <gtest/gtest.h>
 
-#include "core/format/fnv1a.hpp"
+#include "storage/content_hash.hpp"
 #include "storage/piece_blob.hpp"
 #include "storage/zstd_codec.hpp"
 
@@ -76,8 +76,8 @@ void DamagedStore::change_manifest(const std::function<void(nlohmann::json&)>& c
   records_[kManifestKey] = pack_value(Bytes(text.begin(), text.end()));
 }
 
-void DamagedStore::renew_hash() {
-  Fnv1a hash;
+void DamagedStore::renew_hash(ContentHash::Kind kind) {
+  ContentHash hash(kind);
   std::map<std::size_t, std::uint64_t> n_bytes;
   for (const auto& [key, value] : records_) {
     const auto piece = parse_piece_key(key);

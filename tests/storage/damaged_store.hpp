@@ -10,6 +10,7 @@
 #include <nlohmann/json.hpp>
 
 #include "core/piece_key.hpp"
+#include "storage/content_hash.hpp"
 #include "storage/doctor/doctor.hpp"
 #include "storage/manifest.hpp"
 #include "storage/tile_store.hpp"
@@ -45,7 +46,7 @@ class DamagedStore {
   void change_manifest(const std::function<void(nlohmann::json&)>& change);
   /// Makes the manifest's content hash and its bytes per level those of the pieces as they are: damage that only
   /// structure can tell.
-  void renew_hash();
+  void renew_hash(ContentHash::Kind kind = ContentHash::Kind::kXxh3);
 
   /// A new LMDB file with these records.
   void write(const std::string& path) const;

@@ -24,6 +24,23 @@ TEST_F(DoctorTest, FindsNothingInASoundFile) {
   EXPECT_EQ(store.manifest()["content_hash"], report.content_hash);
 }
 
+TEST_F(DoctorTest, ChecksFilesOfOlderBuilders) {
+  DamagedStore store(path("sound.tind"));
+  EXPECT_EQ(store.manifest()["content_hash"].get<std::string>().size(), 32u);
+  store.renew_hash(ContentHash::Kind::kFnv1a);
+  EXPECT_EQ(store.manifest()["content_hash"].get<std::string>().size(), 16u);
+  EXPECT_TRUE(check(store).is_sound()) << text_of(check(store));
+  EXPECT_EQ(check(store).content_hash, store.manifest()["content_hash"]);
+  // Only the hash can tell.
+  store.change_corner({PieceKind::kCorner, kLevel, tile_.x | 1u, tile_.y | 1u}, [](Corner& c) { ++c.z; });
+  EXPECT_TRUE(has_fault(check(store), "manifest", "content_hash"));
+  // Half of one hash is none of the other.
+  DamagedStore cut(path("sound.tind"));
+  cut.change_manifest(
+      [](nlohmann::json& json) { json["content_hash"] = json["content_hash"].get<std::string>().substr(0, 16); });
+  EXPECT_TRUE(has_fault(check(cut), "manifest", "content_hash"));
+}
+
 TEST_F(DoctorTest, FindsDamagedCorners) {
   const PieceKey corner{PieceKind::kCorner, kLevel, tile_.x & ~1u, tile_.y & ~1u};  // one that level 8 has, too
   expect_found(

@@ -161,6 +161,9 @@ TEST(GoldenV1, WholeFile) {
   EXPECT_EQ(at(PieceKind::kBody, 9, 2), golden("body.zst"));
   EXPECT_FALSE(snapshot->find({PieceKind::kBody, 3, 8, 2}));
   EXPECT_EQ(snapshot->find_manifest()->size(), 2u);  // "{}"
+  // Both as libxxhash and Python make them of the records' files.
+  EXPECT_EQ(content_hash(*snapshot, ContentHash::Kind::kXxh3).value(), "bdda827c43c105baecd4b90ddef626b3");
+  EXPECT_EQ(content_hash(*snapshot, ContentHash::Kind::kFnv1a).value(), "cdd2d93d1f1f5ede");
 }
 
 }  // namespace

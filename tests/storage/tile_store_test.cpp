@@ -352,6 +352,42 @@ TEST_F(TileStoreTest, WriterFindsWhatItWroteAndRefusesAnExistingFile) {
 }
 
 // The same pieces, cut off after `n` of them, gone on with: the bytes are those of one go.
+TEST_F(TileStoreTest, TheWritersContentHashIsTheReaders) {
+  for (const auto kind : {ContentHash::Kind::kXxh3, ContentHash::Kind::kFnv1a}) {
+    const std::string file = path("hashed" + std::to_string(static_cast<int>(kind)));
+    auto writer = TileStoreWriter::go_on(file, kind);
+    ASSERT_TRUE(writer);
+    for (const auto& [key, value] : pieces()) ASSERT_TRUE(writer->append(key, value));
+    const std::string hash = writer->content_hash();
+    EXPECT_EQ(ContentHash::kind_of(hash), kind) << hash;
+    ASSERT_TRUE(writer->finish(Bytes{'{', '}'}));
+    const auto store = TileStore::open(file);
+    ASSERT_TRUE(store);
+    EXPECT_EQ(content_hash(*store->snapshot(), kind).value(), hash);
+  }
+}
+
+TEST_F(TileStoreTest, AContentHashDependsOnOrderAndValuesOnly) {
+  Bytes bytes(10000);
+  std::mt19937 random(7);
+  for (std::uint8_t& byte : bytes) byte = static_cast<std::uint8_t>(random());
+  for (const auto kind : {ContentHash::Kind::kXxh3, ContentHash::Kind::kFnv1a}) {
+    const auto hash_of = [&](std::size_t most_at_once) {
+      ContentHash hash(kind);
+      for (ByteView rest = bytes; !rest.empty();) {
+        const std::size_t n = std::min<std::size_t>(rest.size(), 1 + random() % most_at_once);
+        hash.add(rest.first(n));
+        rest = rest.subspan(n);
+      }
+      return hash.hex();
+    };
+    const std::string whole = hash_of(100000);
+    for (const std::size_t most : {1, 10, 300, 5000}) EXPECT_EQ(hash_of(most), whole) << most;
+    std::swap(bytes[123], bytes[124]);
+    EXPECT_NE(hash_of(100000), whole);
+  }
+}
+
 TEST_F(TileStoreTest, GoneOnWithTheBytesAreTheSame) {
   // Large enough for several commits, of sizes that leave gaps in pages.
   std::vector<std::pair<PieceKey, Bytes>> many;

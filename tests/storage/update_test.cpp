@@ -7,6 +7,7 @@
 #include <filesystem>
 #include <fstream>
 #include <functional>
+#include <optional>
 #include <random>
 #include <string>
 #include <utility>
@@ -16,6 +17,8 @@
 #include <gtest/gtest.h>
 
 #include "storage/builder/build.hpp"
+#include "storage/builder/earlier_pyramid.hpp"
+#include "storage/builder/merge.hpp"
 #include "storage/inputs_blob.hpp"
 #include "tests/storage/damaged_store.hpp"
 #include "tests/storage/test_raster.hpp"
@@ -139,6 +142,7 @@ class UpdateTest : public ::testing::Test {
     o.falloff_posts = 12;
     o.levels.finest_m = tolerance_m;
     o.lines.drainage = drainage;
+    o.shard = shard_;
     if (!earlier.empty()) o.earlier = (folder_ / earlier).string();
     Progress silent(nullptr);
     auto report = build_pyramid(o, silent);
@@ -170,7 +174,8 @@ class UpdateTest : public ::testing::Test {
 
   fs::path folder_;
   std::mt19937 random_{20261122};
-  std::vector<float> posts_, earlier_posts_;    // row 0 is the southernmost
+  std::vector<float> posts_, earlier_posts_;  // row 0 is the southernmost
+  std::optional<BuildOptions::Shard> shard_;
   std::uint64_t n_repeated_ = 0, n_whole_ = 0;  // tiles of levels with cells
 };
 
@@ -218,6 +223,51 @@ TEST_F(UpdateTest, TakesNothingFromADamagedInputsRecord) {
     EXPECT_EQ(n_again, 0u) << way;
     EXPECT_GT(n_built, n_sound) << way;
   }
+}
+
+// Before 0.6.0 content hashes were FNV-1a.
+TEST_F(UpdateTest, ChecksEarlierFilesOfOlderBuilders) {
+  write();
+  build("sound.tind", "", 12, false, 2);
+  DamagedStore store((folder_ / "sound.tind").string());
+  store.renew_hash(ContentHash::Kind::kFnv1a);
+  const std::string older = (folder_ / "older.tind").string();
+  const auto check = [&] {
+    store.write(older);
+    return EarlierPyramid::open(older).value().check_content(older);
+  };
+  EXPECT_TRUE(check());
+  build("after.tind", "older.tind", 12, false, 2);
+  EXPECT_TRUE(bytes_of("after.tind") == bytes_of("sound.tind"));
+  const PieceKey root{PieceKind::kCorner, 0, 1, 1};
+  store.change_corner(root, [](Corner& corner) { ++corner.z; });
+  const auto damaged = check();
+  ASSERT_FALSE(damaged);
+  EXPECT_EQ(damaged.error().kind, ErrorKind::kCorrupt);
+}
+
+TEST_F(UpdateTest, JoinsShardsOfOlderBuildersToTheirBytes) {
+  write();
+  MergeOptions merge;
+  merge.output = (folder_ / "joined.tind").string();
+  for (int k = 0; k < 2; ++k) {
+    shard_ = {k, 2};
+    const std::string name = fmt::format("shard{}.tind", k);
+    build(name, "", 12, false, 2);
+    merge.inputs.push_back((folder_ / name).string());
+    DamagedStore store(merge.inputs.back());
+    store.renew_hash(ContentHash::Kind::kFnv1a);
+    store.write(merge.inputs.back());
+  }
+  Progress silent(nullptr);
+  const auto joined = merge_pyramids(merge, silent);
+  ASSERT_TRUE(joined) << joined.error().message;
+  shard_.reset();
+  build("whole.tind", "", 12, false, 2);
+  DamagedStore whole((folder_ / "whole.tind").string());
+  whole.renew_hash(ContentHash::Kind::kFnv1a);
+  EXPECT_EQ(joined->manifest.content_hash, whole.manifest()["content_hash"]);
+  EXPECT_TRUE(EarlierPyramid::open(merge.output).value().check_content(merge.output));
 }
 
 TEST_F(UpdateTest, HasTheBytesOfARebuildWithDrainageToo) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-#include "storage/builder/digest.hpp"
+#include "storage/digest.hpp"
 
 #include <xxhash.h>
 
