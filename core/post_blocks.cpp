@@ -205,7 +205,7 @@ std::uint64_t PostBlocks::n_bytes(std::int64_t n_rows, std::int64_t n_cols) {
   }
 }
 
-void PostBlocks::fit_leaf(const HeightField& field, std::int64_t i, std::int64_t j) {
+void PostBlocks::fit_leaf(const HeightField& field, std::int64_t i, std::int64_t j) const {
   static_assert(sizeof(PostBlock) == 24 && sizeof(PostBlockSums) == 32);
   const Extent e = extent(0, i, j);
   const Shape shape(e);
@@ -233,7 +233,7 @@ void PostBlocks::fit_leaf(const HeightField& field, std::int64_t i, std::int64_t
   level.sums[i * level.n_cols + j] = sums;
 }
 
-void PostBlocks::merge_children(int level, std::int64_t i, std::int64_t j) {
+void PostBlocks::merge_children(int level, std::int64_t i, std::int64_t j) const {
   const Level &own = at(level), &finer = at(level - 1);
   const Extent e = extent(level, i, j);
   const Shape shape(e);
@@ -331,10 +331,8 @@ PostBlocks PostBlocks::in_pages(const PostBlockPages& pages, std::span<std::byte
   return result;
 }
 
-PostBlocks PostBlocks::build(const HeightField& field, std::span<std::byte> memory, int threads,
-                             const std::atomic<bool>* cancel,
-                             const std::function<void(const void*, std::size_t)>& done) {
-  assert(memory.size() >= n_bytes(field.n_rows, field.n_cols) && threads >= 1);
+PostBlocks PostBlocks::lay_out(const HeightField& field, std::span<std::byte> memory) {
+  assert(memory.size() >= n_bytes(field.n_rows, field.n_cols));
   PostBlocks result;
   result.n_rows_ = field.n_rows;
   result.n_cols_ = field.n_cols;
@@ -349,8 +347,15 @@ PostBlocks PostBlocks::build(const HeightField& field, std::span<std::byte> memo
     level.sums = reinterpret_cast<PostBlockSums*>(next);
     next += n * sizeof(PostBlockSums);
     result.levels_.push_back(level);
-    if (n == 1 || s == kMaxSide) break;
+    if (n == 1 || s == kMaxSide) return result;
   }
+}
+
+PostBlocks PostBlocks::build(const HeightField& field, std::span<std::byte> memory, int threads,
+                             const std::atomic<bool>* cancel,
+                             const std::function<void(const void*, std::size_t)>& done) {
+  assert(threads >= 1);
+  PostBlocks result = lay_out(field, memory);
   for (int level = 0; level < result.n_levels(); ++level) {
     const Level& own = result.at(level);
     for_each_job({threads, cancel, {}}, own.n_rows, [&](int, std::int64_t i) {

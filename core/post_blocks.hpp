@@ -7,6 +7,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <functional>
+#include <memory>
 #include <span>
 #include <vector>
 
@@ -54,6 +55,16 @@ struct PostBlockSums {
   std::uint32_t n_source = 0;                ///< Posts of origin kSource.
 };
 
+/// What the posts of a block are, without a plane. Exact.
+struct PostSummary {
+  float min_height_m = 0, max_height_m = 0;
+  std::uint32_t n_source = 0;  ///< Posts of origin kSource.
+  std::uint8_t origins = 0;    ///< As PostBlock's.
+
+  bool has(PostOrigin origin) const { return (origins >> static_cast<int>(origin) & 1) != 0; }
+  bool is_all(PostOrigin origin) const { return origins == 1 << static_cast<int>(origin); }
+};
+
 /// The blocks of a square of posts, levels 0 to kLevels - 1, each row-major from the south-west. Those beyond the
 /// grid's end mean nothing.
 struct PostBlockPage {
@@ -98,6 +109,15 @@ class PostBlocks {
                           const std::atomic<bool>* cancel = nullptr,
                           const std::function<void(const void*, std::size_t)>& done = {});
 
+  /// The same blocks, each square of kLevels levels made when somebody first asks for one of its blocks, and a coarser
+  /// block when it is asked for itself: for who looks at few of them. Only summaries of all squares are made at once.
+  /// The field's arrays and `memory` stay where they are and as they are, as long as there is a copy of the blocks.
+  static PostBlocks on_demand(const HeightField& field, std::span<std::byte> memory, int threads,
+                              const std::atomic<bool>* cancel = nullptr);
+  bool is_on_demand() const { return demand_ != nullptr; }
+  /// The coarsest level of which a block is no more than what is made at once.
+  int most_level_at_once() const { return is_on_demand() ? square_level() : n_levels() - 1; }
+
   /// Side of the grid of pages over so many posts.
   static std::int64_t n_pages(std::int64_t n_posts) {
     return (n_posts + side(PostBlockPage::kLevels - 1) - 1) / side(PostBlockPage::kLevels - 1);
@@ -116,19 +136,23 @@ class PostBlocks {
   /// Posts along a side of a block of this level that is not cut short by the grid's end.
   static std::int64_t side(int level) { return kSide << level; }
   /// Block (i, j) of a level: row i from the south, column j from the west. Where there are pages it is valid until
-  /// this thread asks for a block elsewhere; else a row lies together.
+  /// this thread asks for a block elsewhere; else a row lies together (on demand the others mean nothing yet).
   const PostBlock& block(int level, std::int64_t i, std::int64_t j) const {
     if (pages_ != nullptr && level < PostBlockPage::kLevels) {
       return page(level, i, j).blocks[PostBlockPage::index(level, i, j)];
     }
+    if (demand_ != nullptr) make(level, i, j);
     return at(level).blocks[i * at(level).n_cols + j];
   }
   const PostBlockSums& sums(int level, std::int64_t i, std::int64_t j) const {
     if (pages_ != nullptr && level < PostBlockPage::kLevels) {
       return page(level, i, j).sums[PostBlockPage::index(level, i, j)];
     }
+    if (demand_ != nullptr) make(level, i, j);
     return at(level).sums[i * at(level).n_cols + j];
   }
+  /// Of a block that visit() comes by; makes none.
+  PostSummary summary(int level, std::int64_t i, std::int64_t j) const;
   Extent extent(int level, std::int64_t i, std::int64_t j) const {
     const std::int64_t s = side(level);
     return {i * s, j * s, std::min(s, n_rows_ - i * s), std::min(s, n_cols_ - j * s)};
@@ -138,12 +162,13 @@ class PostBlocks {
 
   /// Walks over the posts of a window (clipped to the grid) from the coarsest blocks down. settle(level, i, j, inside)
   /// is called for each block that meets the window, `inside` iff it lies wholly in it; true: the block is done with.
-  /// Level 0 blocks that are not give posts(row, col_begin, col_end) for each of their rows in the window.
+  /// Level 0 blocks that are not give posts(row, col_begin, col_end) for each of their rows in the window. Blocks on
+  /// demand are walked over by their squares alone, so that none is made.
   template <class Settle, class Posts>
   void visit(const Extent& window, Settle settle, Posts posts) const {
     const Extent w = clipped(window);
     if (w.n_rows <= 0 || w.n_cols <= 0) return;
-    const int top = n_levels() - 1;
+    const int top = most_level_at_once();
     for (std::int64_t i = w.row / side(top); i <= (w.row + w.n_rows - 1) / side(top); ++i) {
       for (std::int64_t j = w.col / side(top); j <= (w.col + w.n_cols - 1) / side(top); ++j) {
         visit_block(top, i, j, w, settle, posts);
@@ -166,8 +191,13 @@ class PostBlocks {
     const std::int64_t row = std::max<std::int64_t>(w.row, 0), col = std::max<std::int64_t>(w.col, 0);
     return {row, col, std::min(w.row + w.n_rows, n_rows_) - row, std::min(w.col + w.n_cols, n_cols_) - col};
   }
-  void fit_leaf(const HeightField& field, std::int64_t i, std::int64_t j);
-  void merge_children(int level, std::int64_t i, std::int64_t j);
+  static PostBlocks lay_out(const HeightField& field, std::span<std::byte> memory);
+  void fit_leaf(const HeightField& field, std::int64_t i, std::int64_t j) const;
+  void merge_children(int level, std::int64_t i, std::int64_t j) const;
+  // Of squares that are made at once.
+  int square_level() const { return std::min(PostBlockPage::kLevels, n_levels()) - 1; }
+  // Makes a block on demand that is not there yet.
+  void make(int level, std::int64_t i, std::int64_t j) const;
 
   template <class Settle, class Posts>
   void visit_block(int level, std::int64_t i, std::int64_t j, const Extent& w, Settle& settle, Posts& posts) const {
@@ -177,7 +207,7 @@ class PostBlocks {
     if (row_begin >= row_end || col_begin >= col_end) return;
     const bool inside = row_end - row_begin == e.n_rows && col_end - col_begin == e.n_cols;
     if (settle(level, i, j, inside)) return;
-    if (level == 0) {
+    if (level == 0 || is_on_demand()) {
       for (std::int64_t r = row_begin; r < row_end; ++r) posts(r, col_begin, col_end);
       return;
     }
@@ -192,6 +222,8 @@ class PostBlocks {
   std::int64_t n_rows_ = 0, n_cols_ = 0;  // of posts
   std::vector<Level> levels_;
   const PostBlockPages* pages_ = nullptr;
+  struct Demand;
+  std::shared_ptr<Demand> demand_;  // null: all are made
 };
 
 }  // namespace tind

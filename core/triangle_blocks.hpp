@@ -54,22 +54,7 @@ class TriangleBlocks {
   /// Calls visit(block) for a few blocks that cover the triangle together.
   template <class Visit>
   void for_coarsest(Visit visit) const {
-    int level = 0;
-    while (level + 1 < blocks_.n_levels() &&
-           static_cast<double>(PostBlocks::side(level)) * 2 < std::max(east_ - west_, north_ - south_)) {
-      ++level;
-    }
-    const double side = static_cast<double>(PostBlocks::side(level));
-    const auto index = [side](double at, std::int64_t origin, std::int64_t n) {
-      return static_cast<std::int64_t>(
-          std::clamp((at + static_cast<double>(origin)) / side, 0.0, static_cast<double>(n - 1)));
-    };
-    const std::int64_t n_rows = blocks_.n_block_rows(level), n_cols = blocks_.n_block_cols(level);
-    for (std::int64_t i = index(south_, field_row_, n_rows); i <= index(north_, field_row_, n_rows); ++i) {
-      for (std::int64_t j = index(west_, field_col_, n_cols); j <= index(east_, field_col_, n_cols); ++j) {
-        visit_if_met(level, i, j, visit);
-      }
-    }
+    for_coarsest(blocks_.n_levels() - 1, visit);
   }
 
   /// Calls visit(block) for blocks of level 0 that have between them all posts of the triangle but those of blocks of
@@ -104,7 +89,8 @@ class TriangleBlocks {
       for (std::size_t k = 0; k < n; ++k) self(children[order[k]], self);
     };
     std::vector<Promise> coarsest;
-    for_coarsest([&](const BlockInWindow& b) { coarsest.push_back(promise_of(b)); });
+    const auto add = [&](const BlockInWindow& b) { coarsest.push_back(promise_of(b)); };
+    for_coarsest(blocks_.most_level_at_once(), add);
     std::stable_sort(coarsest.begin(), coarsest.end(),
                      [](const Promise& a, const Promise& b) { return a.bound_m > b.bound_m; });
     for (const Promise& p : coarsest) descend(p, descend);
@@ -125,6 +111,27 @@ class TriangleBlocks {
   struct Edge {
     double per_col, per_row, rest;  // >= 0 on the triangle's side
   };
+
+  // Of levels up to most_level.
+  template <class Visit>
+  void for_coarsest(int most_level, Visit& visit) const {
+    int level = 0;
+    while (level < most_level &&
+           static_cast<double>(PostBlocks::side(level)) * 2 < std::max(east_ - west_, north_ - south_)) {
+      ++level;
+    }
+    const double side = static_cast<double>(PostBlocks::side(level));
+    const auto index = [side](double at, std::int64_t origin, std::int64_t n) {
+      return static_cast<std::int64_t>(
+          std::clamp((at + static_cast<double>(origin)) / side, 0.0, static_cast<double>(n - 1)));
+    };
+    const std::int64_t n_rows = blocks_.n_block_rows(level), n_cols = blocks_.n_block_cols(level);
+    for (std::int64_t i = index(south_, field_row_, n_rows); i <= index(north_, field_row_, n_rows); ++i) {
+      for (std::int64_t j = index(west_, field_col_, n_cols); j <= index(east_, field_col_, n_cols); ++j) {
+        visit_if_met(level, i, j, visit);
+      }
+    }
+  }
 
   template <class Visit>
   void visit_if_met(int level, std::int64_t i, std::int64_t j, Visit& visit) const {

@@ -256,35 +256,42 @@ bool TilePosts::restrict_to(const OfVertices& vertices, std::span<const PlanBox>
   return true;
 }
 
-// The posts of a part of a window: sums of the blocks that lie in it, and rows of the others.
-template <class Sums, class Row>
-void TilePosts::for_posts(const PostWindow& w, const PostBlocks::Extent& part, Sums sums, Row row) const {
+// The posts of a part of a window: blocks that settle(level, i, j, inside) is done with, and rows of the others.
+template <class Settle, class Row>
+void TilePosts::for_posts(const PostWindow& w, const PostBlocks::Extent& part, Settle settle, Row row) const {
   if (!has_blocks()) {
     for (std::int64_t r = part.row; r < part.row + part.n_rows; ++r) row(r, part.col, part.col + part.n_cols);
     return;
   }
-  blocks().visit(
-      {w.field_row + part.row, w.field_col + part.col, part.n_rows, part.n_cols},
-      [&](int level, std::int64_t i, std::int64_t j, bool inside) {
-        if (inside) sums(blocks().sums(level, i, j));
-        return inside;
-      },
-      [&](std::int64_t r, std::int64_t c_begin, std::int64_t c_end) {
-        row(r - w.field_row, c_begin - w.field_col, c_end - w.field_col);
-      });
+  blocks().visit({w.field_row + part.row, w.field_col + part.col, part.n_rows, part.n_cols}, settle,
+                 [&](std::int64_t r, std::int64_t c_begin, std::int64_t c_end) {
+                   row(r - w.field_row, c_begin - w.field_col, c_end - w.field_col);
+                 });
 }
 
 std::uint64_t TilePosts::count_source(const PostWindow& w, const PostBlocks::Extent& part) const {
   std::uint64_t n = 0;
   if (part.n_rows <= 0 || part.n_cols <= 0) return n;
-  for_posts(
-      w, part, [&](const PostBlockSums& sums) { n += sums.n_source; },
-      [&](std::int64_t r, std::int64_t c_begin, std::int64_t c_end) {
-        for_parts(w, r, c_begin, c_end,
-                  [&](const float*, const PostOrigin* origins, std::int64_t begin, std::int64_t end) {
-                    n += static_cast<std::uint64_t>(std::count(origins, origins + (end - begin), PostOrigin::kSource));
-                  });
-      });
+  const auto row = [&](std::int64_t r, std::int64_t c_begin, std::int64_t c_end) {
+    for_parts(w, r, c_begin, c_end, [&](const float*, const PostOrigin* origins, std::int64_t begin, std::int64_t end) {
+      n += static_cast<std::uint64_t>(std::count(origins, origins + (end - begin), PostOrigin::kSource));
+    });
+  };
+  const std::int64_t row_first = w.field_row + part.row, row_end = row_first + part.n_rows;
+  const std::int64_t col_first = w.field_col + part.col, col_end = col_first + part.n_cols;
+  // Where a block has posts of the source alone, or none, so has what the part has of it.
+  const auto settle = [&](int level, std::int64_t i, std::int64_t j, bool inside) {
+    const std::uint32_t n_source = blocks().summary(level, i, j).n_source;
+    const PostBlocks::Extent e = blocks().extent(level, i, j);
+    if (inside) {
+      n += n_source;
+    } else if (static_cast<std::int64_t>(n_source) == e.n_posts()) {
+      n += static_cast<std::uint64_t>((std::min(row_end, e.row + e.n_rows) - std::max(row_first, e.row)) *
+                                      (std::min(col_end, e.col + e.n_cols) - std::max(col_first, e.col)));
+    }
+    return inside || n_source == 0 || static_cast<std::int64_t>(n_source) == e.n_posts();
+  };
+  for_posts(w, part, settle, row);
   return n;
 }
 
@@ -310,9 +317,14 @@ std::pair<double, double> TilePosts::height_range() const {
     };
     for_posts(
         w, {0, 0, w.n_rows, w.n_cols},
-        [&](const PostBlockSums& sums) {
-          low = std::min(low, static_cast<double>(sums.min_height_m));
-          high = std::max(high, static_cast<double>(sums.max_height_m));
+        [&](int level, std::int64_t i, std::int64_t j, bool inside) {
+          const PostSummary posts = blocks().summary(level, i, j);
+          const auto least = static_cast<double>(posts.min_height_m), most = static_cast<double>(posts.max_height_m);
+          if (inside) {
+            low = std::min(low, least);
+            high = std::max(high, most);
+          }
+          return inside || (low <= least && most <= high);
         },
         row);
   }

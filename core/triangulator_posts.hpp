@@ -186,8 +186,8 @@ class TilePosts {
   void find_posts();
   void find_covered_boxes();
   void collect_points();
-  template <class Sums, class Row>
-  void for_posts(const PostWindow& w, const PostBlocks::Extent& part, Sums sums, Row row) const;
+  template <class Settle, class Row>
+  void for_posts(const PostWindow& w, const PostBlocks::Extent& part, Settle settle, Row row) const;
   template <class Visit>
   void visit_points(const PlanTriangle& t, double reach, Visit visit) const;
   std::int64_t cell_col(double x) const {

@@ -66,7 +66,7 @@ std::vector<TileKey> touched_tiles(const HeightField& field, int level) {
   field.visit_posts(
       {0, 0, field.n_rows, field.n_cols},
       [&](int blocks_level, std::int64_t i, std::int64_t j, bool) {
-        const PostBlock& block = field.blocks->block(blocks_level, i, j);
+        const PostSummary block = field.blocks->summary(blocks_level, i, j);
         if (block.is_all(PostOrigin::kBase)) return true;
         if (block.has(PostOrigin::kBase)) return false;
         touch(field.blocks->extent(blocks_level, i, j));

@@ -30,7 +30,7 @@ SourceShare share_of(const HeightField& field, const PostBlocks::Extent& window)
       window,
       [&](int level, std::int64_t i, std::int64_t j, bool inside) {
         if (is_known()) return true;
-        const std::uint8_t origins = field.blocks->block(level, i, j).origins;
+        const std::uint8_t origins = field.blocks->summary(level, i, j).origins;
         const bool some = (origins & kOfSource) != 0, others = (origins & ~kOfSource) != 0;
         if (some && others && !inside) return false;
         share.is_any = share.is_any || some;
@@ -74,13 +74,23 @@ HeightRange range_of(const HeightField& field, const TileKey& tile) {
     field.visit_posts(
         window,
         [&](int level, std::int64_t i, std::int64_t j, bool inside) {
-          const PostBlockSums& sums = field.blocks->sums(level, i, j);
-          const auto low = static_cast<double>(sums.min_height_m), high = static_cast<double>(sums.max_height_m);
+          const PostSummary posts = field.blocks->summary(level, i, j);
+          const auto low = static_cast<double>(posts.min_height_m), high = static_cast<double>(posts.max_height_m);
           if (low >= range.low && high <= range.high) return true;
           if (inside) range.include(low, high);
           return inside;
         },
         [&](std::int64_t r, std::int64_t begin, std::int64_t end) {
+          if (field.pages == nullptr) {
+            const float* const row = field.heights_m + r * field.n_cols;
+            float low = row[begin], high = low;
+            for (std::int64_t c = begin + 1; c < end; ++c) {
+              low = row[c] < low ? row[c] : low;
+              high = row[c] > high ? row[c] : high;
+            }
+            range.include(static_cast<double>(low), static_cast<double>(high));
+            return;
+          }
           for (std::int64_t c = begin; c < end; ++c) range.include(field.height_at(r, c), field.height_at(r, c));
         });
   });

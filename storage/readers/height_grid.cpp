@@ -342,7 +342,7 @@ Result<HeightGrid> HeightGrid::load(const RasterMosaic& mosaic, const Lattice& l
   field.continues_north = north_gap <= field.dy * (1 + 1e-9);
   if (field.continues_south) field.south_pole_m = impl.settle_pole(0, field.y0 <= 0.5);
   if (field.continues_north) field.north_pole_m = impl.settle_pole(field.n_rows - 1, north_gap <= 0.5);
-  impl.arrays.build_blocks(field, options.threads, options.cancel);
+  impl.arrays.build_blocks(field, options.threads, options.cancel, options.on_demand_bytes);
   if (is_set(options.cancel)) return interrupted();
   if (progress) progress(1.0);
   return result;

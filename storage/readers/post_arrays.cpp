@@ -165,17 +165,19 @@ Result<void> PostArrays::take(std::int64_t at, std::span<const float> heights_m,
   return {};
 }
 
-void PostArrays::build_blocks(HeightField& field, int threads, CancelFlag cancel) {
+void PostArrays::build_blocks(HeightField& field, int threads, CancelFlag cancel, std::uint64_t on_demand_bytes) {
   // Whoever reads arrays so small may keep them, and dropping pages to fault them in again takes time.
   constexpr std::uint64_t kMostKept = std::uint64_t{160} << 20;
   const auto release = n_bytes(field) > kMostKept ? release_pages_around : nullptr;
-  blocks_ = PostBlocks::build(field, block_memory_, threads, cancel, release);
+  blocks_ = n_bytes(field) <= on_demand_bytes ? PostBlocks::on_demand(field, block_memory_, threads, cancel)
+                                              : PostBlocks::build(field, block_memory_, threads, cancel, release);
   if (!is_set(cancel)) field.blocks = &blocks_;
 }
 
 Result<void> PostArrays::turn_into_pages(HeightField& field, const std::string& folder, std::size_t held_bytes,
                                          int threads, CancelFlag cancel) {
   static_assert(PostPage::kSide == PostBlocks::kSide << (PostBlockPage::kLevels - 1), "pages of one grid");
+  if (blocks_.is_on_demand()) build_blocks(field, threads, cancel);
   auto file = ScratchFile::create(folder), block_file = ScratchFile::create(folder);
   if (!file || !block_file) return tl::unexpected(!file ? file.error() : block_file.error());
   // A page of blocks is smaller than one of posts.

@@ -38,8 +38,9 @@ class PostArrays {
   /// posts. kIo: the scratch file cannot be written. Precondition: as many origins as heights; voids have height 0.
   Result<void> take(std::int64_t at, std::span<const float> heights_m, std::span<const PostOrigin> origins);
   /// Builds the blocks of the attached field's posts and points it at them; valid as long as this object, which must
-  /// not move any more. When `cancel` is set it ends early and the field gets none.
-  void build_blocks(HeightField& field, int threads, CancelFlag cancel);
+  /// not move any more. When `cancel` is set it ends early and the field gets none. Of arrays of up to
+  /// `on_demand_bytes` the blocks are made on demand.
+  void build_blocks(HeightField& field, int threads, CancelFlag cancel, std::uint64_t on_demand_bytes = 0);
   /// Moves the posts of the attached field and their blocks, which are built, into pages; the arrays are gone then. A
   /// thread holds up to `held_bytes` of pages. Valid as long as this object. kIo: no disk space (1.2 bytes a post more
   /// than before; all of it once more where the file system cannot free parts of a file). kInterrupted: neither arrays

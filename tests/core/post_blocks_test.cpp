@@ -3,9 +3,12 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <cstring>
 #include <optional>
+#include <thread>
 #include <vector>
 
 #include "tests/support/test_field.hpp"
@@ -182,6 +185,87 @@ TEST(PostBlocks, AreTheSameForAnyNumberOfThreads) {
   const test::TestField f = field_of(333, 257, wild_terrain(6));
   const Blocks one(f.field, 1), many(f.field, 7);
   EXPECT_EQ(0, std::memcmp(one.memory.data(), many.memory.data(), one.memory.size()));
+}
+
+TEST(PostBlocks, OnDemandAreTheSameWhoeverAsksForThem) {
+  for (const auto& [n_rows, n_cols] : {std::pair{1, 1}, {9, 70}, {333, 257}, {130, 1100}}) {
+    test::TestField f = field_of(n_rows, n_cols, wild_terrain(6));
+    for (std::size_t k = 0; k < f.origins.size(); k += 1 + k % 731) f.origins[k] = PostOrigin::kFalloff;
+    const Blocks eager(f.field);
+    for (const int threads : {1, 5}) {
+      std::vector<std::byte> memory(eager.memory.size());
+      const PostBlocks blocks = PostBlocks::on_demand(f.field, memory, threads);
+      ASSERT_EQ(blocks.n_levels(), eager.blocks.n_levels());
+      // All threads ask for all blocks, each in an order of its own.
+      std::atomic<int> n_wrong{0};
+      std::vector<std::jthread> askers;
+      for (int t = 0; t < threads; ++t) {
+        askers.emplace_back([&, t] {
+          for (int k = 0; k < blocks.n_levels(); ++k) {
+            const int level = (k + t) % blocks.n_levels();
+            const std::int64_t n = blocks.n_block_rows(level) * blocks.n_block_cols(level);
+            for (std::int64_t b = 0; b < n; ++b) {
+              const std::int64_t at = (b * (t % 2 == 0 ? 1 : n - 1) + t * 37) % n;
+              const std::int64_t i = at / blocks.n_block_cols(level), j = at % blocks.n_block_cols(level);
+              const bool same =
+                  std::memcmp(&blocks.block(level, i, j), &eager.blocks.block(level, i, j), sizeof(PostBlock)) == 0 &&
+                  std::memcmp(&blocks.sums(level, i, j), &eager.blocks.sums(level, i, j), sizeof(PostBlockSums)) == 0;
+              n_wrong += same ? 0 : 1;
+            }
+          }
+        });
+      }
+      askers.clear();
+      EXPECT_EQ(n_wrong, 0);
+      EXPECT_EQ(memory, eager.memory) << n_rows << " x " << n_cols;
+    }
+  }
+}
+
+TEST(PostBlocks, OnDemandTellOfWindowsWithoutBeingMade) {
+  test::TestField f = field_of(150, 170, wild_terrain(2));
+  for (std::size_t k = 5000; k < f.origins.size(); k += 1 + k % 317) f.origins[k] = PostOrigin::kFilled;
+  const Blocks eager(f.field);
+  std::vector<std::byte> memory(eager.memory.size());
+  const PostBlocks blocks = PostBlocks::on_demand(f.field, memory, 2);
+  for (const PostBlocks::Extent& w : {PostBlocks::Extent{0, 0, 150, 170},
+                                      {13, 9, 70, 101},
+                                      {-5, 160, 30, 40},
+                                      {64, 64, 64, 64},
+                                      {128, 128, 22, 42},
+                                      {40, 40, 0, 9},
+                                      {0, 3, 150, 90}}) {
+    const auto all_of = [&](const PostBlocks& of) {
+      PostSummary all{1e9f, -1e9f, 0, 0};
+      of.visit(
+          w,
+          [&](int level, std::int64_t i, std::int64_t j, bool inside) {
+            if (!inside) return false;
+            const PostSummary s = of.summary(level, i, j);
+            all = {std::min(all.min_height_m, s.min_height_m), std::max(all.max_height_m, s.max_height_m),
+                   all.n_source + s.n_source, static_cast<std::uint8_t>(all.origins | s.origins)};
+            return true;
+          },
+          [&](std::int64_t r, std::int64_t begin, std::int64_t end) {
+            for (std::int64_t at = r * 170 + begin; at < r * 170 + end; ++at) {
+              const PostOrigin origin = f.origins[static_cast<std::size_t>(at)];
+              all.min_height_m = std::min(all.min_height_m, f.heights_m[static_cast<std::size_t>(at)]);
+              all.max_height_m = std::max(all.max_height_m, f.heights_m[static_cast<std::size_t>(at)]);
+              all.n_source += origin == PostOrigin::kSource;
+              all.origins = static_cast<std::uint8_t>(all.origins | 1 << static_cast<int>(origin));
+            }
+          });
+      return all;
+    };
+    const PostSummary a = all_of(blocks), b = all_of(eager.blocks);
+    EXPECT_EQ(a.min_height_m, b.min_height_m);
+    EXPECT_EQ(a.max_height_m, b.max_height_m);
+    EXPECT_EQ(a.n_source, b.n_source);
+    EXPECT_EQ(a.origins, b.origins);
+  }
+  EXPECT_EQ(memory, std::vector<std::byte>(memory.size())) << "no block was made";
+  blocks.block(0, 10, 10);
+  EXPECT_NE(memory, std::vector<std::byte>(memory.size()));
 }
 
 TEST(PostBlocks, TakeLittleMemory) { EXPECT_LE(PostBlocks::n_bytes(9603, 9603), 9603ull * 9603 * 12 / 10); }

@@ -428,6 +428,35 @@ TEST(Triangulator, MeasuresEachCellOnceWhateverThreadsAndBlocksThereAre) {
   }
 }
 
+TEST(Triangulator, GivesTheSameWithBlocksOnDemandOnAnyNumberOfThreads) {
+  TestField f = field_over(rough_terrain(9, 800));
+  for (std::size_t i = 0; i < f.origins.size(); i += 1 + i % 997) f.origins[i] = PostOrigin::kFilled;
+  const std::uint64_t n = PostBlocks::n_bytes(f.field.n_rows, f.field.n_cols) / 8 + 1;
+  std::vector<std::uint64_t> memory(n);
+  const PostBlocks blocks = PostBlocks::build(f.field, std::as_writable_bytes(std::span(memory)), 1);
+  f.field.blocks = &blocks;
+  // Meshes of large triangles, so that whole blocks lie in them.
+  for (const double tolerance_m : {300.0, 2000.0}) {
+    TestTile tile = make_task(f.field, spec_from(kTile.level, tolerance_m, kFiner, f.field.lattice), kTile);
+    for (const int n_levels : {0, 2, kMostCellLevels}) {
+      tile.task.n_cell_levels = n_levels;
+      const TileSurface surface = triangulate(f.field, tile.task);
+      for (const int threads : {1, 4}) {
+        std::vector<std::uint64_t> other_memory(n);
+        HeightField field = f.field;
+        const PostBlocks on_demand = PostBlocks::on_demand(field, std::as_writable_bytes(std::span(other_memory)), 2);
+        field.blocks = &on_demand;
+        const TileSurface other = triangulate(field, tile.task, threads);
+        EXPECT_EQ(other.interior, surface.interior) << threads;
+        EXPECT_EQ(other.triangles, surface.triangles) << threads;
+        EXPECT_EQ(other.stats, surface.stats) << threads;
+        EXPECT_EQ(other.cells, surface.cells) << threads;
+        EXPECT_EQ(other.vertex_posts.served_step_m, surface.vertex_posts.served_step_m) << threads;
+      }
+    }
+  }
+}
+
 // A tile with cells, and the run that repeats it over few posts after the heights under tile `changed` were changed.
 class Repeated : public ::testing::Test {
  protected:

@@ -25,8 +25,8 @@ using Position = std::tuple<int, std::uint32_t, std::uint32_t>;  // level, x, y
 /// A field whose posts are base but for spots of random origin; posts several to a tile or several tiles to a post.
 struct World {
   test::TestField f;
-  std::vector<std::byte> memory;
-  std::optional<PostBlocks> blocks;
+  std::vector<std::byte> memory, demanded_memory;
+  std::optional<PostBlocks> blocks, demanded;
 
   World(std::uint64_t seed, bool wraps, double posts_per_tile) : f(make(seed, wraps, posts_per_tile)) {
     f.field.wraps = wraps;
@@ -42,6 +42,8 @@ struct World {
     }
     memory.resize(PostBlocks::n_bytes(f.field.n_rows, f.field.n_cols));
     blocks = PostBlocks::build(f.field, memory, 1);
+    demanded_memory.resize(memory.size());
+    demanded = PostBlocks::on_demand(f.field, demanded_memory, 1);
   }
   static test::TestField make(std::uint64_t seed, bool wraps, double posts_per_tile) {
     test::GridPlace place;
@@ -65,6 +67,14 @@ struct World {
     HeightField field = f.field;
     field.blocks = &*blocks;
     return field;
+  }
+  HeightField with_blocks_on_demand() const {
+    HeightField field = f.field;
+    field.blocks = &*demanded;
+    return field;
+  }
+  bool has_made_blocks() const {
+    return std::any_of(demanded_memory.begin(), demanded_memory.end(), [](std::byte b) { return b != std::byte{0}; });
   }
 };
 
@@ -122,7 +132,7 @@ class PlanTest : public ::testing::TestWithParam<std::tuple<int, bool, double>> 
 
 TEST_P(PlanTest, TilesAreThoseThatPostsTouch) {
   const auto expected = expected_tiles(world_.f.field);
-  for (const HeightField& field : {world_.f.field, world_.with_blocks()}) {
+  for (const HeightField& field : {world_.f.field, world_.with_blocks(), world_.with_blocks_on_demand()}) {
     const TilePlan plan(field, kBottom);
     std::set<Position> found;
     for (int level = 0; level <= kBottom; ++level) {
@@ -134,11 +144,12 @@ TEST_P(PlanTest, TilesAreThoseThatPostsTouch) {
     }
     EXPECT_EQ(found, expected) << (field.blocks != nullptr);
   }
+  EXPECT_FALSE(world_.has_made_blocks());
 }
 
 TEST_P(PlanTest, CoverageIsThatOfTheCellsPosts) {
   const HeightField& plain = world_.f.field;
-  const HeightField with_blocks = world_.with_blocks();
+  const HeightField with_blocks = world_.with_blocks(), on_demand = world_.with_blocks_on_demand();
   const double width = static_cast<double>(plain.lattice.width());
   const TilePlan plan(plain, kBottom);
   int n_partial = 0;
@@ -167,10 +178,12 @@ TEST_P(PlanTest, CoverageIsThatOfTheCellsPosts) {
       const TileCoverage expected = all ? TileCoverage::kReal : any ? TileCoverage::kPartial : TileCoverage::kFiller;
       ASSERT_EQ(coverage_of(plain, tile), expected) << level << "/" << tile.x << "/" << tile.y;
       ASSERT_EQ(coverage_of(with_blocks, tile), expected) << level << "/" << tile.x << "/" << tile.y;
+      ASSERT_EQ(coverage_of(on_demand, tile), expected) << level << "/" << tile.x << "/" << tile.y;
       n_partial += expected == TileCoverage::kPartial;
     }
   }
   EXPECT_GT(n_partial, 0);
+  EXPECT_FALSE(world_.has_made_blocks());
 }
 
 TEST_P(PlanTest, HeightStepsHoldTheHighestTile) {
@@ -203,6 +216,8 @@ TEST_P(PlanTest, HeightStepsHoldTheHighestTile) {
   }
   EXPECT_EQ(height_steps(plain, plan, 0.25), expected);
   EXPECT_EQ(height_steps(world_.with_blocks(), plan, 0.25), expected);
+  EXPECT_EQ(height_steps(world_.with_blocks_on_demand(), plan, 0.25), expected);
+  EXPECT_FALSE(world_.has_made_blocks());
 }
 
 TEST_P(PlanTest, APointLiesOutsideWhereItsNearestPostDoes) {
