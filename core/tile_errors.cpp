@@ -140,15 +140,15 @@ class TileErrors::Buckets {
       return;
     }
     struct Cells {
-      std::uint8_t row, row_end, col, col_end;
+      std::uint16_t row, row_end, col, col_end;
     };
     const auto range = [](const std::vector<std::int64_t>& begins, double low, double high) {
       // One post more, so that no rounding of a cut is missed.
       const auto before = [&begins](std::int64_t at) {
         const auto after = std::upper_bound(begins.begin(), begins.end() - 1, at);
-        return static_cast<std::uint8_t>(std::max<std::ptrdiff_t>(after - begins.begin() - 1, 0));
+        return static_cast<std::uint16_t>(std::max<std::ptrdiff_t>(after - begins.begin() - 1, 0));
       };
-      return std::pair(before(floor_of(low) - 1), static_cast<std::uint8_t>(before(ceil_of(high) + 1) + 1));
+      return std::pair(before(floor_of(low) - 1), static_cast<std::uint16_t>(before(ceil_of(high) + 1) + 1));
     };
     std::vector<Cells> met(n_triangles);
     first_.assign(side * side + 1, 0);
@@ -254,42 +254,53 @@ void TileErrors::add_window(const PostWindow& w, const CellLines& lines, int thr
   // Runs of cells' triangles: whole numbers are summed up, so it does not matter who adds what.
   constexpr std::size_t kMostRuns = 64, kLeastInRun = 256;
   const std::size_t in_run = std::max(kLeastInRun, triangles_.size() / kMostRuns);
+  struct Part {
+    std::size_t k;  // of the cell
+    Cell cell;
+    std::uint64_t expected;
+    Sums found;
+  };
   struct Run {
-    std::size_t cell;
+    std::size_t part;
     std::span<const std::uint32_t> triangles;
     Sums sums;
   };
-  std::vector<Cell> parts;
-  std::vector<std::uint64_t> expected;
+  std::vector<Part> parts;
   std::vector<Run> runs;
   for (std::size_t k = 0; k < cells.size(); ++k) {
     const std::size_t j = k / side, i = k % side;
+    if (lines.rows[j] == lines.rows[j + 1]) {
+      k += side - 1;
+      continue;
+    }
+    if (!wanted[k] || lines.cols[i] == lines.cols[i + 1]) continue;
     Cell cell{w, {lines.rows[j], lines.cols[i], lines.rows[j + 1] - lines.rows[j], lines.cols[i + 1] - lines.cols[i]}};
-    expected.push_back(wanted[k] ? posts_.count_source(w, cell.posts) : 0);
-    cell.all_source = expected[k] == static_cast<std::uint64_t>(cell.posts.n_posts());
-    parts.push_back(cell);
-    if (expected[k] == 0) continue;
+    const std::uint64_t expected = posts_.count_source(w, cell.posts);
+    if (expected == 0) continue;
+    cell.all_source = expected == static_cast<std::uint64_t>(cell.posts.n_posts());
     const std::span<const std::uint32_t> triangles = buckets.of_cell(k);
     for (std::size_t at = 0; at < triangles.size(); at += in_run) {
-      runs.push_back({k, triangles.subspan(at, std::min(in_run, triangles.size() - at)), {}});
+      runs.push_back({parts.size(), triangles.subspan(at, std::min(in_run, triangles.size() - at)), {}});
     }
+    parts.push_back({k, cell, expected, {}});
   }
-  for_each_job({threads, nullptr, {}}, static_cast<std::int64_t>(runs.size()), [&](int, std::int64_t job) {
-    Run& run = runs[static_cast<std::size_t>(job)];
-    run.sums = of_triangles(parts[run.cell], run.triangles, quantum_);
+  constexpr std::int64_t kRunsOfJob = 4;
+  const auto n_runs = static_cast<std::int64_t>(runs.size());
+  for_each_job({threads, nullptr, {}}, (n_runs + kRunsOfJob - 1) / kRunsOfJob, [&](int, std::int64_t job) {
+    const std::int64_t first = job * kRunsOfJob;
+    for (std::int64_t k = first; k < std::min(first + kRunsOfJob, n_runs); ++k) {
+      Run& run = runs[static_cast<std::size_t>(k)];
+      run.sums = of_triangles(parts[run.part].cell, run.triangles, quantum_);
+    }
   });
-  std::vector<Sums> found(cells.size());
-  for (const Run& run : runs) found[run.cell].add(run.sums);
-  for (std::size_t k = 0; k < cells.size(); ++k) {
-    if (!wanted[k]) continue;
+  for (const Run& run : runs) parts[run.part].found.add(run.sums);
+  for (const auto& [k, cell, expected, found] : parts) {
     // Where two edges of a sliver cut a row within a rounding of a post, both or none of its neighbours may have it.
-    const bool is_whole = found[k].n == expected[k];
-    add_with_fitting_quantum(
-        is_whole ? found[k] : one_by_one(parts[k], quantum_),
-        [&](const SquareQuantum& q) {
-          return is_whole ? of_triangles(parts[k], buckets.of_cell(k), q) : one_by_one(parts[k], q);
-        },
-        cells[k]);
+    const bool is_whole = found.n == expected;
+    const auto again = [&, k = k, &cell = cell](const SquareQuantum& q) {
+      return is_whole ? of_triangles(cell, buckets.of_cell(k), q) : one_by_one(cell, q);
+    };
+    add_with_fitting_quantum(is_whole ? found : again(quantum_), again, cells[k]);
   }
 }
 

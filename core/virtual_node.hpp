@@ -84,7 +84,7 @@ struct CellErrors {
   float largest_m = 0;
   friend bool operator==(const CellErrors&, const CellErrors&) = default;
 };
-inline constexpr int kMostCellLevels = 5;
+inline constexpr int kMostCellLevels = 8;
 
 /// What belongs to one tile alone. Triangles index the local order: ring (C0, B0, C1, B1, C2, B2, C3, B3), then
 /// `interior` in Morton order. `n_side[b]`: inner vertices of border b, equal to the sizes of the edge chains.

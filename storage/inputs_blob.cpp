@@ -9,8 +9,9 @@
 namespace tind {
 namespace {
 
-constexpr std::uint8_t kFirstTag = 'I';  // of builders before 0.5.0: one digest of all
-constexpr std::uint8_t kInputsTag = 'J';
+constexpr std::uint8_t kFirstTag = 'I';   // of builders before 0.5.0: one digest of all
+constexpr std::uint8_t kSecondTag = 'J';  // of 0.5.0: each empty cell by itself
+constexpr std::uint8_t kInputsTag = 'K';
 
 TileInputs::Digest digest_from(ByteReader& in) {
   TileInputs::Digest digest{};
@@ -33,15 +34,21 @@ bool is_sealed(ByteView record, ByteReader& end) {
 }
 
 // False where no builder can have measured that.
-bool read_cells(ByteReader& in, TileInputs& inputs) {
+bool read_cells(ByteReader& in, bool has_runs, TileInputs& inputs) {
   inputs.n_cell_levels = in.fixed<std::uint8_t>();
   if (inputs.n_cell_levels == 0) return true;
   if (inputs.n_cell_levels > kMostCellLevels) return false;
   inputs.vertex_posts = in.fixed<std::uint64_t>();
   inputs.cells.resize(std::size_t{1} << (2 * inputs.n_cell_levels));
-  for (CellErrors& cell : inputs.cells) {
+  for (std::size_t k = 0; k < inputs.cells.size(); ++k) {
+    CellErrors& cell = inputs.cells[k];
     cell.n_posts = in.uvarint();
-    if (cell.n_posts == 0) continue;
+    if (cell.n_posts == 0) {
+      const std::uint64_t n_more = has_runs ? in.uvarint() : 0;
+      if (n_more >= inputs.cells.size() - k) return false;
+      k += n_more;
+      continue;
+    }
     cell.sum_m2 = in.fixed<double>();
     cell.largest_m = in.fixed<float>();
     if (!std::isfinite(cell.sum_m2) || !std::isfinite(cell.largest_m) || cell.sum_m2 < 0 || cell.largest_m < 0) {
@@ -65,9 +72,15 @@ Bytes encode_inputs(const TileInputs& inputs) {
   out.fixed(inputs.n_cell_levels);
   if (inputs.n_cell_levels == 0) return sealed(out.take());
   out.fixed(inputs.vertex_posts);
-  for (const CellErrors& cell : inputs.cells) {
+  for (auto at = inputs.cells.begin(); at != inputs.cells.end();) {
+    const CellErrors& cell = *at++;
     out.uvarint(cell.n_posts);
-    if (cell.n_posts == 0) continue;
+    if (cell.n_posts == 0) {
+      const auto next = std::find_if(at, inputs.cells.end(), [](const CellErrors& c) { return c.n_posts != 0; });
+      out.uvarint(static_cast<std::uint64_t>(next - at));
+      at = next;
+      continue;
+    }
     out.fixed(cell.sum_m2);
     out.fixed(cell.largest_m);
   }
@@ -88,7 +101,8 @@ Result<TileInputs> decode_inputs(ByteView record) {
        {&inputs.n_inserted, &inputs.n_of_lines, &inputs.n_outside, &inputs.n_line_pieces, &inputs.n_left_out}) {
     *n = in.uvarint();
   }
-  const bool sound = tag == kFirstTag || (tag == kInputsTag && read_cells(in, inputs) && is_sealed(record, in));
+  const bool sound = tag == kFirstTag || ((tag == kSecondTag || tag == kInputsTag) &&
+                                          read_cells(in, tag == kInputsTag, inputs) && is_sealed(record, in));
   if (!sound || !in.finished()) return fail(ErrorKind::kCorrupt, "broken inputs record");
   return inputs;
 }

@@ -487,8 +487,8 @@ class Forecaster {
   double grid_posts_ = 0;
 };
 
-// Inputs records: digests and counts, and of rasters a byte for each cell and errors of those with posts, which are
-// about as many as there are tiles that far down.
+// Inputs records: digests and counts, and of rasters the errors of cells with posts, which are about as many as there
+// are tiles that far down.
 double inputs_bytes(const std::vector<LevelCost>& levels, const ElevationSource& source) {
   constexpr double kRecordBytes = 90, kCellBytes = 15;
   constexpr std::size_t kLeastCellLevels = 2;
@@ -497,8 +497,7 @@ double inputs_bytes(const std::vector<LevelCost>& levels, const ElevationSource&
     bytes += levels[level].tiles * kRecordBytes;
     const std::size_t below = std::min<std::size_t>(kMostCellLevels, levels.size() - 1 - level);
     if (source.has_points() || below < kLeastCellLevels) continue;
-    bytes +=
-        levels[level].tiles * std::exp2(2.0 * static_cast<double>(below)) + levels[level + below].tiles * kCellBytes;
+    bytes += levels[level + below].tiles * kCellBytes;
   }
   return bytes;
 }

@@ -164,10 +164,10 @@ TEST(InputsRecord, HasCellsOrNone) {
   inputs.cells[3] = {70'000, 12.5, 3.25f};
   inputs.cells[15] = {1, 0, 0};
   const Bytes record = encode_inputs(inputs);
-  EXPECT_EQ(record.size(), 33u + 5 + 1 + 8 + 14 + 15 + 13 + 8);  // an empty cell is a byte
+  EXPECT_EQ(record.size(), 33u + 5 + 1 + 8 + 2 * 2 + 15 + 13 + 8);  // empty cells that follow each other are two bytes
   EXPECT_EQ(decode_inputs(record).value(), inputs);
   for (std::size_t n = 0; n < record.size(); ++n) EXPECT_FALSE(decode_inputs(ByteView(record).first(n))) << n;
-  for (const int levels : {0, 1, 3, 6, 255}) {
+  for (const int levels : {0, 1, 3, 6, 9, 255}) {
     Bytes other = record;
     other[38] = static_cast<std::uint8_t>(levels);
     EXPECT_FALSE(decode_inputs(sealed(other))) << levels;
@@ -178,6 +178,45 @@ TEST(InputsRecord, HasCellsOrNone) {
     inputs.cells[3] = {70'000, 12.5, static_cast<float>(wrong)};
     EXPECT_FALSE(decode_inputs(encode_inputs(inputs)));
   }
+}
+
+TEST(InputsRecord, OfManyEmptyCellsIsSmall) {
+  TileInputs inputs;
+  inputs.n_cell_levels = kMostCellLevels;
+  inputs.cells.resize(std::size_t{1} << (2 * kMostCellLevels));
+  EXPECT_LT(encode_inputs(inputs).size(), 64u);
+  EXPECT_EQ(decode_inputs(encode_inputs(inputs)).value(), inputs);
+  for (const std::size_t k : {std::size_t{0}, std::size_t{1}, std::size_t{777}, inputs.cells.size() - 1}) {
+    inputs.cells[k] = {k + 1, 0.5, 0.25f};
+  }
+  Bytes record = encode_inputs(inputs);
+  EXPECT_LT(record.size(), 128u);
+  EXPECT_EQ(decode_inputs(record).value(), inputs);
+  // A run that passes the end by one.
+  inputs = {};
+  inputs.n_cell_levels = 2;
+  inputs.cells.resize(16);
+  record = encode_inputs(inputs);
+  ASSERT_EQ(record[record.size() - 9], 15);
+  record[record.size() - 9] = 16;
+  EXPECT_FALSE(decode_inputs(sealed(record)));
+}
+
+// 0.5.0 wrote each empty cell by itself.
+TEST(InputsRecord, OfTheSecondKindIsReadAsItWasWritten) {
+  TileInputs inputs;
+  inputs.n_cell_levels = 2;
+  inputs.vertex_posts = 0x0123456789abcdef;
+  inputs.cells.resize(16);
+  inputs.cells[15] = {1, 0.25, 0.5f};
+  const Bytes now = encode_inputs(inputs);  // ..., 0, 14, the last cell, the check
+  Bytes record(now.begin(), now.end() - 8 - 13 - 2);
+  record[0] = 'J';
+  record.insert(record.end(), 15, 0);
+  record.insert(record.end(), now.end() - 8 - 13, now.end());
+  EXPECT_EQ(decode_inputs(sealed(record)).value(), inputs);
+  record[0] = 'K';
+  EXPECT_FALSE(decode_inputs(sealed(record)));
 }
 
 // Builders before 0.5.0 wrote one digest of all: such a file is sound, and nothing is taken over from it.
