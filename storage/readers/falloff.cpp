@@ -225,59 +225,75 @@ class FalloffRows {
   void settle_row(std::int64_t r, std::vector<Run>& falloff) {
     const std::int64_t n_cols = grid_.n_cols;
     const PostOrigin* row = grid_.origins + r * n_cols;
-    voids_.clear();
     for (std::int64_t c = next_void(row, 0, n_cols); c < n_cols; c = next_void(row, c, n_cols)) {
       const std::int64_t begin = c;
       c = next_post(row, c, n_cols);
-      voids_.push_back({r, begin, c});
+      settle_run({r, begin, c}, falloff);
     }
-    // Voids whose surroundings overlap share them. Only there may the nearest post lie.
-    for (std::size_t first = 0, last = 0; first < voids_.size(); first = last) {
-      for (last = first + 1; last < voids_.size() && voids_[last].begin - limit_ <= voids_[last - 1].end + limit_;) {
-        ++last;
-      }
-      std::int64_t begin = voids_[first].begin - limit_, end = voids_[last - 1].end + limit_;
-      if (!grid_.wraps) {
-        begin = std::max<std::int64_t>(begin, 0);
-        end = std::min(end, n_cols);
-      }
-      nearest_.clear(begin);
-      for (std::int64_t col = begin; col < end; ++col) {
-        const NearestInColumn::Rows& rows = columns_.at(r, ((col % n_cols) + n_cols) % n_cols);
-        if (rows.south == NearestInColumn::kNone && rows.north == NearestInColumn::kNone) continue;
-        const bool south = rows.north == NearestInColumn::kNone ||
-                           (rows.south != NearestInColumn::kNone && r - rows.south <= rows.north - r);
-        const std::int64_t nearest_row = south ? rows.south : rows.north;
-        nearest_.add({col, nearest_row, (nearest_row - r) * (nearest_row - r)});
-      }
-      for (std::size_t k = first; k < last; ++k) settle_run(voids_[k], falloff);
+  }
+
+  // The nearest posts of a run's columns. A post beside the run is nearer to it than all beyond, so only a run that
+  // ends at the grid's seam is looked at further.
+  void find_nearest(const Run& run) {
+    const std::int64_t r = run.row, n_cols = grid_.n_cols;
+    const std::int64_t at_seam = grid_.wraps ? limit_ : 0;
+    const std::int64_t begin = run.begin - (run.begin > 0 ? 1 : at_seam),
+                       end = run.end + (run.end < n_cols ? 1 : at_seam);
+    nearest_.clear(begin);
+    for (std::int64_t col = begin; col < end; ++col) {
+      const bool is_wrapped = col < 0 || col >= n_cols;
+      const NearestInColumn::Rows& rows = columns_.at(r, is_wrapped ? ((col % n_cols) + n_cols) % n_cols : col);
+      if (rows.south == NearestInColumn::kNone && rows.north == NearestInColumn::kNone) continue;
+      const bool south = rows.north == NearestInColumn::kNone ||
+                         (rows.south != NearestInColumn::kNone && r - rows.south <= rows.north - r);
+      const std::int64_t nearest_row = south ? rows.south : rows.north;
+      nearest_.add({col, nearest_row, (nearest_row - r) * (nearest_row - r)});
     }
   }
 
   void settle_run(const Run& run, std::vector<Run>& falloff) {
+    find_nearest(run);
     const std::int64_t n_cols = grid_.n_cols;
     float* heights = grid_.heights_m + run.row * n_cols;
     PostOrigin* origins = grid_.origins + run.row * n_cols;
-    std::fill(heights + run.begin, heights + run.end, static_cast<float>(base_height_m_));
     const auto& hull = nearest_.hull();
-    if (hull.empty()) return;
+    if (hull.empty()) {
+      std::fill(heights + run.begin, heights + run.end, static_cast<float>(base_height_m_));
+      return;
+    }
+    const auto n = static_cast<std::size_t>(run.end - run.begin);
+    distances2_.resize(n);
+    values_.resize(n);
     auto entry = std::upper_bound(hull.begin(), hull.end(), run.begin,
                                   [](std::int64_t c, const NearestInRow::Entry& e) { return c < e.from; });
     if (entry != hull.begin()) --entry;
-    for (std::int64_t c = run.begin; c < run.end; ++c) {
-      while (entry + 1 != hull.end() && (entry + 1)->from <= c) ++entry;
+    for (std::int64_t c = run.begin; c < run.end; ++entry) {
+      const std::int64_t end = entry + 1 == hull.end() ? run.end : std::min(run.end, (entry + 1)->from);
       const NearestInRow::Site& site = entry->site;
-      const std::int64_t distance2 = NearestInRow::gap(site, c);
-      if (distance2 >= limit_ * limit_) continue;
-      const double share = 1.0 - std::sqrt(static_cast<double>(distance2)) / static_cast<double>(limit_);
-      const double value = grid_.heights_m[site.row * n_cols + ((site.col % n_cols) + n_cols) % n_cols];
-      heights[c] = static_cast<float>(base_height_m_ + share * (value - base_height_m_));
-      std::atomic_ref(origins[c]).store(PostOrigin::kFalloff, std::memory_order_relaxed);
-      if (!falloff.empty() && falloff.back().row == run.row && falloff.back().end == c) {
-        ++falloff.back().end;
-      } else {
-        falloff.push_back({run.row, c, c + 1});
+      const std::int64_t col = site.col < 0 || site.col >= n_cols ? ((site.col % n_cols) + n_cols) % n_cols : site.col;
+      const double value = c < end ? grid_.heights_m[site.row * n_cols + col] : 0;
+      for (; c < end; ++c) {
+        distances2_[static_cast<std::size_t>(c - run.begin)] = static_cast<double>(NearestInRow::gap(site, c));
+        values_[static_cast<std::size_t>(c - run.begin)] = value;
       }
+    }
+    const auto limit = static_cast<double>(limit_);
+    const double limit2 = limit * limit, base = base_height_m_;
+    const auto base_height = static_cast<float>(base_height_m_);
+    const double *distances2 = distances2_.data(), *values = values_.data();
+    float* __restrict out = heights + run.begin;
+    for (std::size_t k = 0; k < n; ++k) {
+      const double share = 1.0 - std::sqrt(distances2[k]) / limit;
+      const auto height = static_cast<float>(base + share * (values[k] - base));
+      out[k] = distances2[k] < limit2 ? height : base_height;
+    }
+    for (std::int64_t c = run.begin; c < run.end;) {
+      const auto is_near = [&] { return distances2_[static_cast<std::size_t>(c - run.begin)] < limit2; };
+      const std::int64_t begin = c;
+      for (; c < run.end && is_near(); ++c)
+        std::atomic_ref(origins[c]).store(PostOrigin::kFalloff, std::memory_order_relaxed);
+      if (c > begin) falloff.push_back({run.row, begin, c});
+      while (c < run.end && !is_near()) ++c;
     }
   }
 
@@ -286,7 +302,7 @@ class FalloffRows {
   const std::int64_t limit_;
   NearestInColumn columns_;
   NearestInRow nearest_;
-  std::vector<Run> voids_;
+  std::vector<double> distances2_, values_;  ///< Of a run: squared distances to the nearest posts, and their heights.
 };
 
 }  // namespace

@@ -5,10 +5,13 @@
 #include <cmath>
 #include <limits>
 #include <optional>
+#include <thread>
 #include <utility>
 
+#include <cpl_vsi.h>
 #include <fmt/format.h>
 
+#include "storage/readers/file_hashes.hpp"
 #include "storage/readers/mosaic_layout.hpp"
 #include "storage/readers/pixel_transform.hpp"
 #include "storage/readers/raster_file.hpp"
@@ -139,6 +142,13 @@ Result<void> RasterMosaic::Impl::settle_heights(RasterMosaic& m, const RasterOpt
 
 Result<RasterMosaic> RasterMosaic::open(const std::vector<std::string>& paths, const RasterOptions& options) {
   if (paths.empty()) return fail(ErrorKind::kInvalidInput, "no input raster given");
+  FileHashes hashes(std::max(1, static_cast<int>(std::thread::hardware_concurrency())));
+  // What is a file for sure is hashed while headers are read; of any other name GDAL must tell which file it means.
+  std::vector<std::optional<std::size_t>> hash_of(paths.size());
+  for (std::size_t i = 0; options.hash_files && i < paths.size(); ++i) {
+    VSIStatBufL stat;
+    if (VSIStatL(paths[i].c_str(), &stat) == 0 && VSI_ISREG(stat.st_mode)) hash_of[i] = hashes.add(paths[i]);
+  }
   GDALAllRegister();
   if (CPLGetConfigOption("GDAL_CACHEMAX", nullptr) == nullptr) GDALSetCacheMax64(kCacheBytes);
   auto impl = std::make_unique<Impl>();
@@ -151,7 +161,13 @@ Result<RasterMosaic> RasterMosaic::open(const std::vector<std::string>& paths, c
   for (const std::string& path : paths) {
     auto file = inspect_raster(path, options, impl->shift ? impl->shift->unit_m() : 1.0);
     if (!file) return tl::unexpected(file.error());
+    if (auto& hash = hash_of[impl->files.size()]; options.hash_files && !hash) hash = hashes.add(file->hashed_name);
     impl->files.push_back(std::move(*file));
+  }
+  for (std::size_t i = 0; options.hash_files && i < paths.size(); ++i) {
+    auto hash = hashes.wait_for(*hash_of[i]);
+    if (!hash) return tl::unexpected(hash.error());
+    impl->files[i].info.sha256 = std::move(*hash);
   }
   RasterMosaic m(std::move(impl));
   auto& files = m.impl_->files;

@@ -14,7 +14,6 @@
 #include <fmt/format.h>
 
 #include "storage/readers/gdal_errors.hpp"
-#include "storage/readers/sha256.hpp"
 
 namespace tind {
 namespace {
@@ -34,17 +33,6 @@ std::string lower(std::string text) {
 }
 
 bool ends_with_zip(const std::string& path) { return path.size() > 4 && lower(path.substr(path.size() - 4)) == ".zip"; }
-
-Result<std::string> hash_file(const std::string& name) {
-  VSILFILE* file = VSIFOpenL(name.c_str(), "rb");
-  if (file == nullptr) return fail(ErrorKind::kIo, fmt::format("{}: cannot read the file", name));
-  Sha256 sha;
-  std::vector<char> buffer(1 << 20);
-  std::size_t n = 0;
-  while ((n = VSIFReadL(buffer.data(), 1, buffer.size(), file)) > 0) sha.update(buffer.data(), n);
-  VSIFCloseL(file);
-  return sha.finish_hex();
-}
 
 /// The GDAL name of the one raster in a zip archive.
 Result<std::string> raster_in_zip(const RasterFile& s) {
@@ -371,17 +359,11 @@ Result<RasterFile> inspect_raster(const std::string& path, const RasterOptions& 
   if (auto ok = read_vertical(s, *s.dataset->GetRasterBand(1), options, vertical_unit_m); !ok)
     return tl::unexpected(ok.error());
 
-  std::string hashed = path;
+  s.info.sha256 = s.gdal_name;
+  s.hashed_name = path;
   if (VSIStatL(path.c_str(), &stat) != 0) {
     const CPLStringList files(s.dataset->GetFileList());
-    if (files.Count() > 0) hashed = files[0];
-  }
-  if (options.hash_files) {
-    auto hash = hash_file(hashed);
-    if (!hash) return tl::unexpected(hash.error());
-    s.info.sha256 = *hash;
-  } else {
-    s.info.sha256 = s.gdal_name;
+    if (files.Count() > 0) s.hashed_name = files[0];
   }
   s.dataset.reset();  // reading opens it again: a mosaic may have more files than a process may have open
   return s;

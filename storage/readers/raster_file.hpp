@@ -40,7 +40,8 @@ struct CellSigns {
 struct RasterFile {
   RasterSource info;
   std::string gdal_name;
-  OGRSpatialReference crs;               ///< Horizontal part; degrees without a CRS are EPSG:4326.
+  std::string hashed_name;  ///< Of the file whose bytes stand for the input's, by any name that GDAL reads.
+  OGRSpatialReference crs;  ///< Horizontal part; degrees without a CRS are EPSG:4326.
   std::array<double, 6> geotransform{};  ///< GDAL's: cell corners, whether cells are areas or points.
   std::string height_kind = "unknown";   ///< "orthometric", "ellipsoidal" or "unknown", as the file says.
   std::string vertical_datum;            ///< Name by the file's CRS; empty: it says nothing.
@@ -81,8 +82,9 @@ struct RasterFile {
 /// A failure that begins with the file's path.
 tl::unexpected<Error> bad_raster(const RasterFile& file, const std::string& what);
 
-/// Opens one input and reads all of its header. `vertical_unit_m`: metres per unit when neither the options nor the
-/// file say it. kInvalidInput names the file, what is wrong and what to try.
+/// Opens one input and reads all of its header. Its sha256 is the caller's to set; a name stands there until then.
+/// `vertical_unit_m`: metres per unit when neither the options nor the file say it. kInvalidInput names the file, what
+/// is wrong and what to try.
 Result<RasterFile> inspect_raster(const std::string& path, const RasterOptions& options, double vertical_unit_m);
 
 }  // namespace tind
