@@ -363,7 +363,7 @@ class Build {
     m.lines = lines_.counts;
     m.options_json = options_to_json(asked_, options_, lines_).dump();
     const PyramidInput input{field,           table_,        lines_.pyramid, report_.threads,
-                             options_.cancel, m.shard_index, m.shard_count,  earlier_ ? &earlier_->snapshot : nullptr};
+                             options_.cancel, m.shard_index, m.shard_count,  earlier_ ? &*earlier_ : nullptr};
     auto built = build_levels(input, *writer_, progress_);
     if (!built) return tl::unexpected(built.error());
     m.levels = std::move(built->levels);

@@ -10,6 +10,7 @@
 #include "core/line_pyramid.hpp"
 #include "core/piece_key.hpp"
 #include "core/result.hpp"
+#include "storage/builder/earlier_pyramid.hpp"
 #include "storage/builder/progress.hpp"
 #include "storage/manifest.hpp"
 #include "storage/tile_store.hpp"
@@ -29,6 +30,7 @@ struct LevelBreakdown {
   std::uint64_t left_out = 0;     ///< Pieces of break lines that crossed another and were not held to.
   std::uint64_t built = 0;        ///< Tiles triangulated by this run; the others were taken over as they were.
   std::uint64_t repeated = 0;     ///< Of the tiles built, those told to have the earlier mesh by few posts.
+  std::uint64_t copied = 0;       ///< Tiles that nothing that changed reaches: not even looked at.
   double seconds = 0;
 };
 
@@ -42,7 +44,7 @@ struct PyramidInput {
   /// Build this part of several only; 0 <= index < count. count 1: all of it.
   int shard_index = 0, shard_count = 1;
   /// An earlier pyramid: bodies that were made of the same inputs are taken from it. Null: none.
-  const TileStore::Snapshot* earlier = nullptr;
+  const EarlierPyramid* earlier = nullptr;
 };
 
 /// What became of it.

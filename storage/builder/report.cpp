@@ -49,6 +49,7 @@ std::string report_json(const BuildReport& report) {
                       {"bytes", info.bytes},
                       {"tiles_built", parts.built},
                       {"tiles_repeated", parts.repeated},
+                      {"tiles_copied", parts.copied},
                       {"seconds", parts.seconds}});
   }
   json drainage;

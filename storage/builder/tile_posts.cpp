@@ -130,6 +130,13 @@ TileCoverage coverage_of(const HeightField& field, const TileKey& key) {
   return all ? TileCoverage::kReal : any ? TileCoverage::kPartial : TileCoverage::kFiller;
 }
 
+Result<void> posts_are_read(const HeightField& field) {
+  const bool lost =
+      (field.pages != nullptr && field.pages->failed()) || (field.blocks != nullptr && field.blocks->failed());
+  if (!lost) return {};
+  return fail(ErrorKind::kIo, "the scratch file of the posts cannot be read");
+}
+
 bool is_outside(const HeightField& field, std::int64_t x, std::int64_t y) {
   // Nearest row and column by truncation, which is floor from here on: this is asked for every vertex.
   const double v = (static_cast<double>(y) - field.y0) / field.dy + 0.5;

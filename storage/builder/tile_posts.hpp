@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "core/height_field.hpp"
+#include "core/result.hpp"
 #include "core/virtual_node.hpp"
 #include "storage/builder/plan.hpp"
 
@@ -37,6 +38,9 @@ void for_posts_around(const HeightField& field, const TileKey& tile, Visit visit
     }
   });
 }
+
+/// kIo where posts could not be read: what was made of them since must not be stored.
+Result<void> posts_are_read(const HeightField& field);
 
 /// True iff the post has its height from the source: its own post, or between irregular ones.
 inline bool is_of_source(PostOrigin origin) {

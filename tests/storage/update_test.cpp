@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdlib>
 #include <filesystem>
 #include <fstream>
 #include <functional>
@@ -169,6 +170,12 @@ class UpdateTest : public ::testing::Test {
         n_repeated_ += report.breakdown[level].repeated;
         n_whole_ += report.breakdown[level].built - report.breakdown[level].repeated;
       }
+      const LevelBreakdown& bottom = report.breakdown.back();
+      if (bottom.copied == 0) continue;
+      ++n_patched_;
+      const auto n_built = [](const LevelBreakdown& level) { return level.built - level.repeated; };
+      n_moved_ += std::any_of(report.breakdown.begin(), report.breakdown.end() - 2,
+                              [&](const LevelBreakdown& level) { return n_built(level) > 0; });
     }
   }
 
@@ -177,15 +184,21 @@ class UpdateTest : public ::testing::Test {
   std::vector<float> posts_, earlier_posts_;  // row 0 is the southernmost
   std::optional<BuildOptions::Shard> shard_;
   std::uint64_t n_repeated_ = 0, n_whole_ = 0;  // tiles of levels with cells
+  int n_patched_ = 0;                           // updates that copied what nothing reached
+  int n_moved_ = 0;                             // of those, updates in which a mesh above the bottom became another one
 };
 
 TEST_F(UpdateTest, HasTheBytesOfARebuildAfterAnyChange) {
-  run(48, 12, false);
+  const char* more = std::getenv("TIND_UPDATES");
+  run(more != nullptr ? std::atoi(more) : 48, 12, false);
   // Both ways were gone.
   EXPECT_GT(n_repeated_, 100u);
   EXPECT_GT(n_whole_, 100u);
+  EXPECT_GT(n_patched_, 20);
+  EXPECT_GT(n_moved_, 10);
   RecordProperty("repeated", fmt::format("{}", n_repeated_));
   RecordProperty("whole", fmt::format("{}", n_whole_));
+  RecordProperty("patched", fmt::format("{} of them {} moved", n_patched_, n_moved_));
 }
 
 TEST_F(UpdateTest, TakesNothingFromADamagedInputsRecord) {

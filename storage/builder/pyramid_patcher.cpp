@@ -1,0 +1,488 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "storage/builder/pyramid_patcher.hpp"
+
+#include <algorithm>
+#include <chrono>
+#include <cstdint>
+#include <deque>
+#include <iterator>
+#include <map>
+#include <set>
+#include <tuple>
+#include <utility>
+#include <vector>
+
+#include "core/drainage/flow_run.hpp"
+#include "storage/builder/border_lines.hpp"
+#include "storage/builder/duration.hpp"
+#include "storage/builder/earlier_tiles.hpp"
+#include "storage/builder/level_counter.hpp"
+#include "storage/builder/tile_maker.hpp"
+#include "storage/builder/tile_posts.hpp"
+#include "storage/builder/update_reach.hpp"
+#include "storage/builder/version.hpp"
+#include "storage/inputs_blob.hpp"
+#include "storage/piece_blob.hpp"
+
+namespace tind {
+namespace {
+
+// Bottom tiles with changed posts, and tiles looked at, beyond which the whole way is as good: what is made of them is
+// kept in memory until it is written.
+constexpr std::size_t kMostChanged = 64;
+constexpr std::size_t kMostTiles = 512;
+// Pieces that are read, counted and written at a time.
+constexpr std::size_t kPiecesAtOnce = 1024;
+
+struct RootOrder {
+  static auto key(const RootEdge& r) { return std::tuple(r.level, r.vertical, r.at, r.start); }
+  bool operator()(const RootEdge& a, const RootEdge& b) const { return key(a) < key(b); }
+};
+using Roots = std::set<RootEdge, RootOrder>;
+
+struct TileOrder {
+  bool operator()(const TileKey& a, const TileKey& b) const {
+    return a.level != b.level ? a.level < b.level : morton_code(a.x, a.y) < morton_code(b.x, b.y);
+  }
+};
+using Tiles = std::set<TileKey, TileOrder>;
+
+PieceKey body_of(const TileKey& tile) { return {PieceKind::kBody, tile.level, tile.x, tile.y}; }
+PieceKey inputs_of(const TileKey& tile) { return {PieceKind::kInputs, tile.level, tile.x, tile.y}; }
+
+bool is_below(TileKey tile, const TileKey& ancestor) {
+  if (tile.level < ancestor.level) return false;
+  const int n = tile.level - ancestor.level;
+  return tile.x >> n == ancestor.x && tile.y >> n == ancestor.y;
+}
+
+// Of a tile's level, as the manifest's rows have them.
+std::vector<std::pair<std::uint32_t, std::uint32_t>> rows_of(const std::vector<TileKey>& tiles) {
+  std::vector<std::pair<std::uint32_t, std::uint32_t>> rows;
+  for (const TileKey& tile : tiles) rows.emplace_back(tile.y, tile.x);
+  std::sort(rows.begin(), rows.end());
+  return rows;
+}
+
+bool has_tiles(const LevelInfo& level, const std::vector<TileKey>& tiles) {
+  if (level.n_tiles != tiles.size()) return false;
+  const auto rows = rows_of(tiles);
+  std::size_t n = 0;
+  for (const TileRun& run : level.rows) {
+    for (std::uint32_t x = run.x_first; x <= run.x_last; ++x, ++n) {
+      if (n >= rows.size() || rows[n] != std::pair(run.y, x)) return false;
+    }
+  }
+  return n == rows.size();
+}
+
+class PyramidPatcher {
+ public:
+  PyramidPatcher(const PyramidInput& input, const TilePlan& plan, const RefinementSpec& spec, const PostDigests& posts,
+                 TileStoreWriter& writer, Progress& progress)
+      : input_(input),
+        field_(input.field),
+        earlier_(*input.earlier),
+        bottom_level_(input.table.bottom_level()),
+        plan_(plan),
+        spec_(spec),
+        writer_(writer),
+        progress_(progress),
+        reach_(plan, input.field.lattice),
+        borders_(field_.lattice),
+        maker_(input, plan, spec, posts, borders_),
+        earlier_tiles_(earlier_.snapshot, posts, bottom_level_),
+        seconds_(static_cast<std::size_t>(bottom_level_) + 1, 0) {}
+
+  // Makes the pieces that can have changed. False: the whole way is to be gone.
+  Result<bool> find_pieces() {
+    if (!is_comparable() || !has_sound_inputs() || !find_changed_posts()) return false;
+    progress_.update(kMakingShare, "changed tiles");
+    Tiles tiles(plan_.tiles(0).begin(), plan_.tiles(0).end());
+    for (const TileKey& bottom : changed_) {
+      for (TileKey tile = bottom; tiles.insert(tile).second && tile.level > 0;) tile = tile.parent();
+      for (const RootEdge& root : reach_.roots_at(bottom)) add_root(root, tiles);
+    }
+    // All at once, as if all meshes above stayed what they are, which is nearly always so.
+    auto made = make(tiles);
+    if (!made || !*made) return made;
+    if (!is_same_world()) return false;
+    // Then again what lies below a mesh that did not.
+    std::vector<Tiles> again(static_cast<std::size_t>(bottom_level_) + 1);
+    for (int level = 0; level < bottom_level_; ++level) {
+      made = make(again[static_cast<std::size_t>(level)]);
+      if (!made || !*made) return made;
+      for (const TileKey& tile : moved(level)) {
+        Tiles below;
+        Roots inside;
+        for (int c = 0; c < 4; ++c) below.insert(tile.child(c));
+        for (const RootEdge& root : reach_.roots_inside(tile)) {
+          add_root(root, below);
+          inside.insert(root);
+        }
+        if (auto refined = refine(inside); !refined) return tl::unexpected(refined.error());
+        for (const TileKey& t : below) again[t.level].insert(t);
+      }
+    }
+    made = make(again.back());
+    if (made && *made) collect();
+    return made;
+  }
+
+  // All pieces in order: those that were made, and the earlier ones.
+  Result<PyramidOutcome> write() {
+    TileStore::Cursor cursor(earlier_.snapshot);
+    std::vector<Entry> entries;
+    std::uint64_t n_written = 0, n_tiles = 0;
+    for (const LevelInfo& level : earlier_.manifest.levels) n_tiles += level.n_tiles;
+    for (bool more = true; more;) {
+      entries.clear();
+      while (more && entries.size() < kPiecesAtOnce) {
+        const auto piece = cursor.next();
+        if (!piece) return tl::unexpected(piece.error());
+        more = piece->has_value();
+        if (more) entries.push_back(entry_of(**piece));
+      }
+      count(entries);
+      for (const Entry& entry : entries) {
+        if (auto done = append(entry); !done) return tl::unexpected(done.error());
+        n_written += entry.key.kind == PieceKind::kBody ? 1 : 0;
+      }
+      const double done = static_cast<double>(n_written) / static_cast<double>(std::max<std::uint64_t>(n_tiles, 1));
+      progress_.update(kMakingShare + (1 - kMakingShare) * done, "storing");
+      if (cancelled()) return fail(ErrorKind::kInterrupted, "interrupted");
+    }
+    finish_level();
+    return std::move(outcome_);
+  }
+
+ private:
+  static constexpr double kMakingShare = 0.3;  // of the work, that comes before writing
+
+  bool cancelled() const { return input_.cancel && input_.cancel->load(std::memory_order_relaxed); }
+  FlowRun run() const { return {input_.threads, input_.cancel, {}}; }
+
+  // Whether nothing differs but posts, as far as the manifest and today's levels tell. is_same_world() has the rest.
+  bool is_comparable() const {
+    const Manifest& m = earlier_.manifest;
+    const Lattice &then = m.lattice, &now = field_.lattice;
+    const LineCounts& lines = m.lines;
+    if (m.generator != kGenerator || m.bottom_level != bottom_level_ || then.level != now.level ||
+        then.height_exponent != now.height_exponent || then.ellipsoid.semi_major_m != now.ellipsoid.semi_major_m ||
+        then.ellipsoid.inverse_flattening != now.ellipsoid.inverse_flattening || m.shard_count != 1 ||
+        input_.shard_count != 1 || !can_be_repeated(field_) || !field_.pinned.empty() || !input_.lines.empty() ||
+        lines.streams + lines.shores + lines.given + lines.vertices != 0 ||
+        m.levels.size() != static_cast<std::size_t>(bottom_level_) + 1) {
+      return false;
+    }
+    for (std::size_t level = 0; level < m.levels.size(); ++level) {
+      if (m.levels[level].tolerance_m != input_.table.levels[level].tolerance_m ||
+          m.levels[level].height_step_m != spec_.height_step_m[level] ||
+          !has_tiles(m.levels[level], plan_.tiles(static_cast<int>(level)))) {
+        return false;
+      }
+    }
+    return true;
+  }
+
+  // Whether all tiles have records that are what a builder wrote. Their hash is not the manifest's.
+  bool has_sound_inputs() const {
+    for (int level = 0; level <= bottom_level_; ++level) {
+      for (const TileKey& tile : plan_.tiles(level)) {
+        const auto stored = earlier_tiles_.find(tile);
+        if (!stored || !decode_inputs(stored->inputs)) return false;
+      }
+    }
+    return true;
+  }
+
+  bool find_changed_posts() {
+    for (const TileKey& root : plan_.tiles(0)) {
+      const auto below = earlier_tiles_.changed_below(root, kMostChanged);
+      if (!below) return false;
+      changed_.insert(changed_.end(), below->begin(), below->end());
+    }
+    // Where no bottom tile is stored there is nothing but the base, which does not change.
+    return changed_.size() <= kMostChanged && std::all_of(changed_.begin(), changed_.end(), [&](const TileKey& tile) {
+             return tile.level == bottom_level_ && reach_.is_stored(tile);
+           });
+  }
+
+  // Whether what all frames have in common, as those of the roots tell, is what it was: the grid's spacing and poles,
+  // the base height, margins of tolerances.
+  bool is_same_world() const {
+    return std::all_of(plan_.tiles(0).begin(), plan_.tiles(0).end(), [&](const TileKey& root) {
+      const auto made = made_.find(root);
+      if (made == made_.end()) return true;  // taken over
+      const auto stored = earlier_tiles_.find(root);
+      const auto inputs = stored ? decode_inputs(stored->inputs) : fail(ErrorKind::kNotFound, "");
+      return inputs && inputs->frame == made->second.figures.made_of.frame;
+    });
+  }
+
+  // Notes a stretch that may have changed, and adds the tiles beside it.
+  void add_root(const RootEdge& root, Tiles& tiles) {
+    roots_.insert(root);
+    const std::vector<TileKey> along = reach_.tiles_along(root);
+    tiles.insert(along.begin(), along.end());
+  }
+
+  // The body as far as it is known.
+  ByteView body(const TileKey& tile) const {
+    if (const auto made = made_.find(tile); made != made_.end()) return made->second.value;
+    return earlier_.snapshot.find(body_of(tile)).value_or(ByteView());
+  }
+
+  // Refines stretches, and puts them in the place of what was.
+  Result<void> refine(const Roots& roots) {
+    struct Group {
+      std::vector<RootEdge> roots;
+      ByteView parent;  // whose interior is decoded once
+      Result<std::vector<std::vector<LineVertex>>> lines;
+    };
+    std::map<TileKey, Group, TileOrder> by_parent;
+    std::vector<Group> groups;
+    for (const RootEdge& root : roots) {
+      if (root.level == 0) {
+        groups.push_back({{root}, {}, {}});
+      } else {
+        by_parent[parent_of(field_.lattice, root)].roots.push_back(root);
+      }
+    }
+    for (auto& [parent, group] : by_parent) {
+      group.parent = body(parent);
+      groups.push_back(std::move(group));
+    }
+    for_each_job(run(), static_cast<std::int64_t>(groups.size()), [&](int, std::int64_t job) {
+      Group& group = groups[static_cast<std::size_t>(job)];
+      std::vector<LocalVertex> interior;
+      if (group.roots.front().level > 0) {
+        auto decoded = decode_interior(group.parent);
+        if (!decoded) {
+          group.lines = tl::unexpected(decoded.error());
+          return;
+        }
+        interior = std::move(*decoded);
+      }
+      for (const RootEdge& root : group.roots) group.lines->push_back(maker_.refine(root, interior));
+    });
+    if (cancelled()) return fail(ErrorKind::kInterrupted, "interrupted");
+    for (Group& group : groups) {
+      if (!group.lines) return tl::unexpected(group.lines.error());
+      for (std::size_t k = 0; k < group.roots.size(); ++k) borders_.add(group.roots[k], std::move((*group.lines)[k]));
+    }
+    return {};
+  }
+
+  // Makes tiles, or finds that they are what they were. False: too many.
+  Result<bool> make(const Tiles& tiles) {
+    looked_at_.insert(tiles.begin(), tiles.end());
+    if (looked_at_.size() > kMostTiles) return false;
+    Roots missing;
+    for (const TileKey& tile : tiles) {
+      for (const RootEdge& root : BorderLines::roots_of(field_.lattice, tile)) {
+        if (!borders_.has(root)) missing.insert(root);
+      }
+    }
+    if (auto refined = refine(missing); !refined) return tl::unexpected(refined.error());
+    struct Job {
+      TileKey tile;
+      ByteView parent;
+      StoredTile earlier;
+      Result<MadeTile> made;
+      double seconds = 0;
+    };
+    std::vector<Job> jobs;
+    for (const TileKey& tile : tiles) {
+      Job job{tile,
+              tile.level > 0 ? body(tile.parent()) : ByteView(),
+              earlier_tiles_.find(tile).value_or(StoredTile()),
+              {}};
+      std::copy_if(changed_.begin(), changed_.end(), std::back_inserter(job.earlier.changed),
+                   [&](const TileKey& bottom) { return is_below(bottom, tile); });
+      jobs.push_back(std::move(job));
+    }
+    // The longest first: those that are not just compared, by size.
+    const auto work = [](const Job& job) { return job.earlier.changed.empty() ? 0 : job.earlier.body.size(); };
+    std::stable_sort(jobs.begin(), jobs.end(), [&](const Job& a, const Job& b) { return work(a) > work(b); });
+    for_each_job(run(), static_cast<std::int64_t>(jobs.size()), [&](int, std::int64_t k) {
+      Job& job = jobs[static_cast<std::size_t>(k)];
+      const auto start = std::chrono::steady_clock::now();
+      std::vector<LocalVertex> inherited;
+      if (job.tile.level > 0) {
+        auto decoded = decode_interior(job.parent);
+        if (!decoded) {
+          job.made = tl::unexpected(decoded.error());
+          return;
+        }
+        inherited = std::move(*decoded);
+      }
+      job.made = maker_.make(job.tile, inherited, job.earlier);
+      job.seconds = seconds_since(start);
+    });
+    if (cancelled()) return fail(ErrorKind::kInterrupted, "interrupted");
+    for (Job& job : jobs) {
+      if (!job.made) return tl::unexpected(job.made.error());
+      seconds_[job.tile.level] += job.seconds;
+      made_.erase(job.tile);
+      if (job.made->figures.built) made_.emplace(job.tile, std::move(*job.made));
+    }
+    return true;
+  }
+
+  // The tiles of a level whose interior vertices are other ones than before, and that have children.
+  std::vector<TileKey> moved(int level) const {
+    std::vector<TileKey> tiles;
+    for (const auto& [tile, made] : made_) {
+      if (tile.level != level || made.figures.repeated || !plan_.is_split(tile)) continue;
+      const auto before = earlier_.snapshot.find(body_of(tile));
+      const auto then = before ? decode_interior(*before) : fail(ErrorKind::kNotFound, "");
+      const auto now = decode_interior(made.value);
+      if (!then || !now || *then != *now) tiles.push_back(tile);
+    }
+    return tiles;
+  }
+
+  // What was made, as pieces to be stored in the place of the earlier ones.
+  void collect() {
+    for (const auto& [tile, made] : made_) {
+      pieces_[body_of(tile)] = {made.value, {}};
+      pieces_[inputs_of(tile)] = {made.inputs, {}};
+    }
+    const auto add = [&](const PieceKey& key) {
+      const auto before = earlier_.snapshot.find(key);
+      if (!before) return;
+      TileMaker::BorderPiece piece = maker_.make_border_piece(key);
+      if (std::equal(before->begin(), before->end(), piece.value.begin(), piece.value.end())) return;
+      border_values_.push_back(std::move(piece.value));
+      pieces_[key] = {border_values_.back(), piece.figures};
+    };
+    for (const RootEdge& root : roots_) {
+      for (const PieceKey& edge : reach_.edges_along(root)) add(edge);
+    }
+    for (const TileKey& bottom : changed_) {
+      for (const PieceKey& corner : reach_.corners_at(bottom)) add(corner);
+    }
+  }
+
+  struct Entry {
+    PieceKey key;
+    ByteView value, inputs;  // inputs: of a body
+    bool is_new = false;
+    Result<TileFigures> tile;
+    Result<BorderFigures> border;
+  };
+  Entry entry_of(const TileStore::Piece& piece) const {
+    Entry entry{piece.key, piece.value, {}, false, {}, {}};
+    if (const auto made = pieces_.find(piece.key); made != pieces_.end()) {
+      entry.value = made->second.value;
+      entry.border = made->second.figures;
+      entry.is_new = true;
+    }
+    if (piece.key.kind != PieceKind::kBody) return entry;
+    const TileKey tile{piece.key.level, piece.key.i, piece.key.j};
+    if (const auto made = made_.find(tile); made != made_.end()) {
+      entry.tile = made->second.figures;
+    } else {
+      entry.inputs = earlier_.snapshot.find(inputs_of(tile)).value_or(ByteView());
+    }
+    return entry;
+  }
+
+  // The figures of the pieces that are not new.
+  void count(std::vector<Entry>& entries) const {
+    constexpr std::size_t kAtOnce = 32;
+    const std::size_t n = (entries.size() + kAtOnce - 1) / kAtOnce;
+    for_each_job(run(), static_cast<std::int64_t>(n), [&](int, std::int64_t job) {
+      const std::size_t begin = static_cast<std::size_t>(job) * kAtOnce;
+      for (std::size_t k = begin; k < std::min(begin + kAtOnce, entries.size()); ++k) {
+        Entry& entry = entries[k];
+        if (entry.is_new || entry.key.kind == PieceKind::kInputs) continue;
+        if (entry.key.kind == PieceKind::kBody) {
+          entry.tile = TileMaker::figures_of({entry.value, entry.inputs, {}});
+          if (entry.tile) entry.tile->copied = !looked_at_.contains({entry.key.level, entry.key.i, entry.key.j});
+        } else {
+          entry.border = maker_.figures_of(entry.key, entry.value);
+        }
+      }
+    });
+  }
+
+  Result<void> append(const Entry& entry) {
+    const PieceKey& key = entry.key;
+    if (!counter_ || key.level != level_) {
+      finish_level();
+      level_ = key.level;
+      counter_.emplace(input_, spec_, key.level);
+    }
+    if (key.kind == PieceKind::kBody) {
+      if (!entry.tile) return tl::unexpected(entry.tile.error());
+      counter_->add_tile({key.level, key.i, key.j}, *entry.tile, entry.value.size());
+    } else if (key.kind != PieceKind::kInputs) {
+      if (!entry.border) return tl::unexpected(entry.border.error());
+      counter_->add_border_piece(key, *entry.border, entry.value.size());
+    }
+    if (entry.is_new && key.kind != PieceKind::kInputs) {
+      const auto before = earlier_.snapshot.find(key);
+      if (!before || !std::equal(before->begin(), before->end(), entry.value.begin(), entry.value.end())) {
+        outcome_.changed.push_back(key);
+      }
+    }
+    return writer_.append(key, entry.value);
+  }
+
+  void finish_level() {
+    if (!counter_) return;
+    outcome_.levels.push_back(counter_->finish());
+    outcome_.breakdown.push_back(counter_->parts());
+    outcome_.breakdown.back().seconds = seconds_[static_cast<std::size_t>(level_)];
+    note_errors(outcome_.levels.back(), progress_);
+    counter_.reset();
+  }
+
+  // A corner, an edge, a body or an inputs record in the place of the earlier one; a view of what is kept elsewhere.
+  struct NewPiece {
+    ByteView value;
+    BorderFigures figures;
+  };
+
+  const PyramidInput& input_;
+  const HeightField& field_;
+  const EarlierPyramid& earlier_;
+  const int bottom_level_;
+  const TilePlan& plan_;
+  const RefinementSpec& spec_;
+  TileStoreWriter& writer_;
+  Progress& progress_;
+  const UpdateReach reach_;
+  BorderLines borders_;
+  const TileMaker maker_;
+  const EarlierTiles earlier_tiles_;
+  std::vector<TileKey> changed_;  // bottom tiles that have all posts that changed
+  Roots roots_;                   // stretches that may have changed
+  Tiles looked_at_;
+  std::map<TileKey, MadeTile, TileOrder> made_;  // those that are not what they were
+  std::deque<Bytes> border_values_;
+  std::map<PieceKey, NewPiece> pieces_;
+  std::vector<double> seconds_;  // that tiles of a level took, of all threads together
+  int level_ = 0;
+  std::optional<LevelCounter> counter_;  // of that level
+  PyramidOutcome outcome_;
+};
+
+}  // namespace
+
+Result<std::optional<PyramidOutcome>> patch_levels(const PyramidInput& input, const TilePlan& plan,
+                                                   const RefinementSpec& spec, const PostDigests& posts,
+                                                   TileStoreWriter& writer, Progress& progress) {
+  PyramidPatcher patcher(input, plan, spec, posts, writer, progress);
+  const auto found = patcher.find_pieces();
+  if (!found) return tl::unexpected(found.error());
+  if (!*found) return std::nullopt;
+  if (const auto read = posts_are_read(input.field); !read) return tl::unexpected(read.error());
+  auto outcome = patcher.write();
+  if (!outcome) return tl::unexpected(outcome.error());
+  return std::optional(std::move(*outcome));
+}
+
+}  // namespace tind
