@@ -33,7 +33,7 @@ namespace fs = std::filesystem;
 constexpr int kRows = 260, kCols = 300;
 constexpr float kVoid = -9999;
 // Posts along a bottom tile: level 13.
-constexpr double kSpacing = 0.0008, kTilePosts = 180.0 / 8192 / kSpacing;
+constexpr double kWest = 10.0003, kNorth = 45.3001, kSpacing = 0.0008, kTilePosts = 180.0 / 8192 / kSpacing;
 
 class UpdateTest : public ::testing::Test {
  protected:
@@ -72,6 +72,23 @@ class UpdateTest : public ::testing::Test {
       }
     }
     return best;
+  }
+
+  // A post that a border line of bottom tiles passes at most a post away from, if possible where two of them cross, on
+  // the plain: the line changes, and no mesh above the bottom does.
+  std::string change_at_line() {
+    const auto beside = [&](double first_deg, int n_posts) {
+      const double side_deg = kTilePosts * kSpacing, lines = static_cast<double>(n_posts) / kTilePosts - 1;
+      const double k = std::floor(std::uniform_real_distribution(0.0, lines)(random_));
+      const double at_deg = (std::ceil(first_deg / side_deg) + k) * side_deg;
+      return static_cast<int>(std::lround((at_deg - first_deg) / kSpacing)) + static_cast<int>(random_() % 3) - 1;
+    };
+    const float by = metres(13, 22);
+    const int kind = static_cast<int>(random_() % 3);
+    const int r = kind == 0 ? row() : beside(kNorth - kRows * kSpacing, kRows);
+    const int c = kind == 1 ? col() / 3 : beside(kWest, 95);
+    raise(r, c, 1, 1, by);
+    return fmt::format("row {}, column {} by {} m", r, c, by);
   }
 
   // Says what it did.
@@ -125,7 +142,7 @@ class UpdateTest : public ::testing::Test {
       values.insert(values.end(), posts_.begin() + r * kCols, posts_.begin() + (r + 1) * kCols);
     }
     std::ofstream((folder_ / "posts.tif").string(), std::ios::binary)
-        << geotiff_bytes(kCols, kRows, 10.0003, 45.3001, kSpacing, 4326, true, values);
+        << geotiff_bytes(kCols, kRows, kWest, kNorth, kSpacing, 4326, true, values);
   }
   std::string bytes_of(const std::string& name) const {
     std::ifstream in((folder_ / name).string(), std::ios::binary);
@@ -152,7 +169,7 @@ class UpdateTest : public ::testing::Test {
   }
 
   // Changes and updates so many times, each from the file before.
-  void run(int n, double tolerance_m, bool drainage) {
+  void run(int n, double tolerance_m, bool drainage, const std::function<std::string()>& change) {
     write();
     build("before.tind", "", tolerance_m, drainage, 2);
     earlier_posts_ = posts_;
@@ -190,7 +207,7 @@ class UpdateTest : public ::testing::Test {
 
 TEST_F(UpdateTest, HasTheBytesOfARebuildAfterAnyChange) {
   const char* more = std::getenv("TIND_UPDATES");
-  run(more != nullptr ? std::atoi(more) : 48, 12, false);
+  run(more != nullptr ? std::atoi(more) : 48, 12, false, [this] { return change(); });
   // Both ways were gone.
   EXPECT_GT(n_repeated_, 100u);
   EXPECT_GT(n_whole_, 100u);
@@ -199,6 +216,12 @@ TEST_F(UpdateTest, HasTheBytesOfARebuildAfterAnyChange) {
   RecordProperty("repeated", fmt::format("{}", n_repeated_));
   RecordProperty("whole", fmt::format("{}", n_whole_));
   RecordProperty("patched", fmt::format("{} of them {} moved", n_patched_, n_moved_));
+}
+
+TEST_F(UpdateTest, SeesWhatChangesAtBorderLines) {
+  const char* more = std::getenv("TIND_UPDATES");
+  run(more != nullptr ? std::atoi(more) : 24, 12, false, [this] { return change_at_line(); });
+  EXPECT_GT(n_patched_, 20);
 }
 
 TEST_F(UpdateTest, TakesNothingFromADamagedInputsRecord) {
@@ -284,7 +307,7 @@ TEST_F(UpdateTest, JoinsShardsOfOlderBuildersToTheirBytes) {
 }
 
 TEST_F(UpdateTest, HasTheBytesOfARebuildWithDrainageToo) {
-  run(10, 25, true);
+  run(10, 25, true, [this] { return change(); });
   EXPECT_GT(n_repeated_ + n_whole_, 20u);
 }
 
