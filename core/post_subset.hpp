@@ -18,6 +18,7 @@ class PostSubset {
   struct Post {
     std::int32_t row = 0, col = 0;
     float height_m = 0;
+    std::uint32_t vertex = 0;  ///< A number of the caller's.
   };
 
   void clear() {
@@ -37,19 +38,26 @@ class PostSubset {
   /// out.
   template <class Columns, class Box, class Single>
   void visit(const PostBlocks::Extent& part, Columns columns_of, Box box, Single single) const;
+  /// The single post at a place; null: there is none.
+  const Post* find(std::int64_t row, std::int64_t col) const;
 
  private:
+  bool meets_posts(const PostBlocks::Extent& part) const {
+    return !first_.empty() && part.n_rows > 0 && part.n_cols > 0 && part.row + part.n_rows > all_.row &&
+           part.col + part.n_cols > all_.col && part.row < all_.row + all_.n_rows && part.col < all_.col + all_.n_cols;
+  }
   std::int64_t bucket_row(std::int64_t row) const {
-    return std::clamp<std::int64_t>((row - all_.row) / bucket_side_, 0, n_bucket_rows_ - 1);
+    return std::clamp<std::int64_t>((row - all_.row) >> bucket_bits_, 0, n_bucket_rows_ - 1);
   }
   std::int64_t bucket_col(std::int64_t col) const {
-    return std::clamp<std::int64_t>((col - all_.col) / bucket_side_, 0, n_bucket_cols_ - 1);
+    return std::clamp<std::int64_t>((col - all_.col) >> bucket_bits_, 0, n_bucket_cols_ - 1);
   }
 
   std::vector<PostBlocks::Extent> boxes_;
   std::vector<Post> posts_, unsorted_;  // by buckets, which are a regular grid over `all_`
   PostBlocks::Extent all_;
-  std::int64_t bucket_side_ = 1, n_bucket_rows_ = 0, n_bucket_cols_ = 0;
+  int bucket_bits_ = 0;  // of a bucket's side
+  std::int64_t n_bucket_rows_ = 0, n_bucket_cols_ = 0;
   std::vector<std::uint32_t> first_, next_;  // per bucket, and the end
 };
 
@@ -61,17 +69,12 @@ void PostSubset::visit(const PostBlocks::Extent& part, Columns columns_of, Box b
     const std::int64_t col = std::max(part.col, b.col), n_cols = std::min(col_end, b.col + b.n_cols) - col;
     if (n_rows > 0 && n_cols > 0) box(PostBlocks::Extent{row, col, n_rows, n_cols});
   }
-  if (first_.empty() || part.n_rows <= 0 || part.n_cols <= 0) return;
-  if (row_end <= all_.row || col_end <= all_.col || part.row >= all_.row + all_.n_rows ||
-      part.col >= all_.col + all_.n_cols) {
-    return;
-  }
+  if (!meets_posts(part)) return;
   const std::int64_t i_last = bucket_row(row_end - 1);
   for (std::int64_t i = bucket_row(part.row); i <= i_last; ++i) {
     // The buckets of a row lie together.
-    const std::int64_t first_row = all_.row + i * bucket_side_;
-    const auto [west, east] =
-        columns_of(static_cast<double>(first_row), static_cast<double>(first_row + bucket_side_ - 1));
+    const std::int64_t first_row = all_.row + (i << bucket_bits_), n_rows = std::int64_t{1} << bucket_bits_;
+    const auto [west, east] = columns_of(static_cast<double>(first_row), static_cast<double>(first_row + n_rows - 1));
     if (west > east + 2) continue;
     // A post more to either side, for rounding.
     const std::int64_t j_first = bucket_col(std::max(part.col, floor_of(west) - 1));

@@ -134,16 +134,6 @@ class TileRefiner {
     }
   }
 
-  // Whether a lattice point is an inner vertex of the earlier tile.
-  bool was_vertex(std::int64_t x, std::int64_t y) const {
-    const auto before = [](const LocalVertex& v, const std::pair<std::uint64_t, std::uint64_t>& p) {
-      return morton_less(static_cast<std::uint64_t>(v.x), static_cast<std::uint64_t>(v.y), p.first, p.second);
-    };
-    const auto at = std::lower_bound(earlier_->interior.begin(), earlier_->interior.end(),
-                                     std::pair(static_cast<std::uint64_t>(x), static_cast<std::uint64_t>(y)), before);
-    return at != earlier_->interior.end() && at->x == x && at->y == y;
-  }
-
   // ---- initial vertices --------------------------------------------------------------------------------------------
 
   void insert_ring() {
@@ -301,11 +291,18 @@ class TileRefiner {
     while (const auto next = queue_.pop()) {
       const auto [candidate, stamp] = scanned_[static_cast<std::size_t>(next->face)];
       if (next->stamp != stamp) continue;
-      posts_.prefetch_around(candidate.post);  // while the mesh makes room for it
-      const auto [post_x, post_y] = posts_.position(candidate.post);
-      const std::int64_t x = floor_of(post_x + 0.5), y = floor_of(post_y + 0.5);
-      if (earlier_ != nullptr && !was_vertex(x, y)) return false;
-      surface.n_inserted += insert_post(next->face, x, y) ? 1 : 0;
+      if (earlier_ != nullptr) {
+        const auto vertex = posts_.vertex_of(candidate.post);
+        if (!vertex) return false;
+        const LocalVertex& v = earlier_->interior[*vertex];  // it has the height that it had
+        surface.n_inserted += insert_post(next->face, v.x, v.y, [&v] { return v.z; }) ? 1 : 0;
+      } else {
+        posts_.prefetch_around(candidate.post);  // while the mesh makes room for it
+        const auto [post_x, post_y] = posts_.position(candidate.post);
+        const std::int64_t x = floor_of(post_x + 0.5), y = floor_of(post_y + 0.5);
+        const auto height = [&] { return field_->lattice_height(west_ + x, south_ + y); };
+        surface.n_inserted += insert_post(next->face, x, y, height) ? 1 : 0;
+      }
       // A post whose lattice point has a vertex, or that lies beside the face, leaves the face as it is.
       if (scanned_[static_cast<std::size_t>(next->face)].stamp != stamp) continue;
       scanner_.give_up(candidate.post);
@@ -314,13 +311,14 @@ class TileRefiner {
     return true;
   }
 
-  // False where there is a vertex already.
-  bool insert_post(std::int32_t face, std::int64_t x, std::int64_t y) {
+  // With the height height(); false where there is a vertex already.
+  template <class Height>
+  bool insert_post(std::int32_t face, std::int64_t x, std::int64_t y, Height height) {
     const double at_x = static_cast<double>(x), at_y = static_cast<double>(y);
     const Mesh::Location where = mesh_.locate(at_x, at_y, face);
     if (where.place == Mesh::Place::kOnVertex) return false;
     const std::vector<std::int32_t> released = release_edges_beside(face, at_x, at_y);
-    const std::int32_t v = mesh_.add_vertex(at_x, at_y, field_->lattice_height(west_ + x, south_ + y));
+    const std::int32_t v = mesh_.add_vertex(at_x, at_y, height());
     mesh_.insert(v, where);
     for (const std::int32_t end : released) {
       const std::int32_t edge = mesh_.find_edge(v, end);

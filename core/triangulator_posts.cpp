@@ -210,7 +210,8 @@ std::pair<double, double> TilePosts::position(std::int64_t index) const {
 void TilePosts::find_posts_of(std::span<const LocalVertex> vertices, OfVertices& found) const {
   found.posts.clear();
   found.heights_m.clear();
-  for (const LocalVertex& v : vertices) {
+  for (std::size_t k = 0; k < vertices.size(); ++k) {
+    const LocalVertex& v = vertices[k];
     const double x = static_cast<double>(v.x), y = static_cast<double>(v.y);
     for (const PostWindow& w : windows_) {
       // Posts are more than two steps apart: no other one rounds to the vertex.
@@ -224,8 +225,9 @@ void TilePosts::find_posts_of(std::span<const LocalVertex> vertices, OfVertices&
         });
         found.heights_m.push_back(height_m);
       }
-      found.posts.push_back({static_cast<std::size_t>(&w - windows_.data()),
-                             {static_cast<std::int32_t>(r), static_cast<std::int32_t>(c), height_m}});
+      found.posts.push_back(
+          {static_cast<std::size_t>(&w - windows_.data()),
+           {static_cast<std::int32_t>(r), static_cast<std::int32_t>(c), height_m, static_cast<std::uint32_t>(k)}});
     }
   }
 }

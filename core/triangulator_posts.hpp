@@ -5,6 +5,7 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <utility>
 #include <vector>
@@ -143,6 +144,14 @@ class TilePosts {
   bool restrict_to(const OfVertices& vertices, std::span<const PlanBox> boxes);
   /// Until here, or until reset.
   void lift_restriction() { is_restricted_ = false; }
+  /// The vertex of restrict_to that a post rounds to; nullopt: there is none.
+  std::optional<std::uint32_t> vertex_of(std::int64_t index) const {
+    const PostWindow& w = window_of(index);
+    const std::int64_t at = index - w.first_index, r = at / w.n_cols;
+    const PostSubset::Post* const post =
+        some_[static_cast<std::size_t>(&w - windows_.data())].find(r, at - r * w.n_cols);
+    return post == nullptr ? std::nullopt : std::optional(post->vertex);
+  }
 
   /// Lowest and highest of all posts, metres; low > high when there is none.
   std::pair<double, double> height_range() const;

@@ -37,13 +37,14 @@ TEST(PostSubset, GivesWhatLiesInAPartAndNothingElse) {
   PostSubset subset;
   for (int turn = 0; turn < 60; ++turn) {
     subset.clear();
-    Posts all;
+    Posts all, singles;
     const std::int64_t n_rows = turn % 3 == 0 ? 1 : 200, n_cols = turn % 5 == 0 ? 3 : 300;
     for (int k = 0; k < turn * 3; ++k) {
       const auto row = static_cast<std::int32_t>(100 + below(n_rows)),
                  col = static_cast<std::int32_t>(50 + below(n_cols));
       subset.add_post({row, col, static_cast<float>(row + col)});
       all.emplace(row, col);
+      singles.emplace(row, col);
     }
     for (int k = 0; k < turn % 4; ++k) {
       const PostBlocks::Extent box{below(300), below(300), 1 + below(9), 1 + below(9)};
@@ -53,6 +54,15 @@ TEST(PostSubset, GivesWhatLiesInAPartAndNothingElse) {
       }
     }
     subset.arrange();
+    for (int k = 0; k < 200; ++k) {
+      const std::int64_t row = 90 + below(220), col = 40 + below(320);
+      const PostSubset::Post* const post = subset.find(row, col);
+      ASSERT_EQ(post != nullptr, singles.contains({row, col}));
+      if (post != nullptr) {
+        ASSERT_TRUE(post->row == row && post->col == col);
+      }
+    }
+    for (const auto& [row, col] : singles) ASSERT_NE(subset.find(row, col), nullptr);
     for (int k = 0; k < 50; ++k) {
       const PostBlocks::Extent part{below(320) - 10, below(380) - 10, below(150) - 3, below(150) - 3};
       Posts expected;
