@@ -23,7 +23,7 @@ constexpr std::uint32_t kMagic = 0xBEEFC0DE;
 constexpr std::uint32_t kDataVersion = 1;
 constexpr std::uint64_t kNoPage = ~std::uint64_t{0};
 constexpr std::uint64_t kMetaPages = 2;
-constexpr std::size_t kHeaderBytes = 16, kMetaBytes = 136, kNodeBytes = 8;
+constexpr std::size_t kHeaderBytes = StorePages::kHeaderBytes, kMetaBytes = 136, kNodeBytes = 8;
 constexpr std::uint16_t kBranch = 1, kLeaf = 2, kOverflow = 4, kMeta = 8;
 constexpr std::uint16_t kBigData = 1;      // of a node: the value is on pages of its own
 constexpr std::uint16_t kIntegerKeys = 8;  // of a database
@@ -90,6 +90,59 @@ std::string flags_fault(const Meta& meta) {
 
 bool less(ByteView a, ByteView b) { return std::lexicographical_compare(a.begin(), a.end(), b.begin(), b.end()); }
 
+// Pages that a value takes which has pages of its own (OVPAGES).
+std::uint64_t pages_for(std::uint64_t n_bytes, std::uint64_t page_bytes) {
+  return (n_bytes + kHeaderBytes + page_bytes - 1) / page_bytes;
+}
+
+struct Node {
+  std::size_t offset = 0, end = 0;  // in the page
+  ByteView key;
+  std::uint64_t number = 0;  // of a leaf: the value's bytes; of a branch: the child's page
+  std::uint16_t flags = 0;
+};
+
+// nullopt: there is no such node in the page.
+std::optional<Node> node_at(ByteView page, std::size_t index, std::size_t upper, bool is_leaf) {
+  Node node;
+  node.offset = at<std::uint16_t>(page, kHeaderBytes + 2 * index);
+  if (node.offset < upper || node.offset % 2 != 0 || node.offset + kNodeBytes > page.size()) return std::nullopt;
+  const std::uint64_t low = at<std::uint16_t>(page, node.offset), high = at<std::uint16_t>(page, node.offset + 2);
+  node.flags = at<std::uint16_t>(page, node.offset + 4);
+  const std::size_t key_bytes = at<std::uint16_t>(page, node.offset + 6);
+  node.number = low | high << 16;
+  std::size_t data_bytes = 0;
+  if (is_leaf) {
+    if ((node.flags & ~kBigData) != 0) return std::nullopt;  // no duplicates, no databases within
+    data_bytes = (node.flags & kBigData) != 0 ? sizeof(std::uint64_t) : node.number;
+  } else {
+    node.number |= std::uint64_t{node.flags} << 32;
+  }
+  if (key_bytes + data_bytes > page.size() - node.offset - kNodeBytes) return std::nullopt;
+  node.key = page.subspan(node.offset + kNodeBytes, key_bytes);
+  node.end = node.offset + kNodeBytes + key_bytes + data_bytes;
+  return node;
+}
+
+// All nodes of a page, apart from each other. Empty: the page is damaged.
+std::vector<Node> nodes_of(ByteView page, bool is_leaf) {
+  const std::size_t lower = at<std::uint16_t>(page, 12), upper = at<std::uint16_t>(page, 14);
+  if (lower <= kHeaderBytes || lower % 2 != 0 || lower > upper || upper > page.size()) return {};
+  std::vector<Node> nodes;
+  std::vector<std::pair<std::size_t, std::size_t>> places;
+  for (std::size_t k = 0; k < (lower - kHeaderBytes) / 2; ++k) {
+    const auto node = node_at(page, k, upper, is_leaf);
+    if (!node) return {};
+    nodes.push_back(*node);
+    places.emplace_back(node->offset, node->end);
+  }
+  std::sort(places.begin(), places.end());
+  for (std::size_t k = 1; k < places.size(); ++k) {
+    if (places[k].first < places[k - 1].second) return {};
+  }
+  return nodes;
+}
+
 // One walk over one tree.
 class TreeWalk {
  public:
@@ -126,13 +179,6 @@ class TreeWalk {
   }
 
  private:
-  struct Node {
-    std::size_t offset = 0, end = 0;  // in the page
-    ByteView key;
-    std::uint64_t number = 0;  // of a leaf: the value's bytes; of a branch: the child's page
-    std::uint16_t flags = 0;
-  };
-
   void fault(ByteView key, const std::string& what) {
     is_damaged_ = true;
     on_fault_(key, what);
@@ -146,47 +192,6 @@ class TreeWalk {
       visited_[k] = true;
     }
     return true;
-  }
-
-  // nullopt: there is no such node in the page.
-  std::optional<Node> node_at(ByteView page, std::size_t index, std::size_t upper, bool is_leaf) const {
-    Node node;
-    node.offset = at<std::uint16_t>(page, kHeaderBytes + 2 * index);
-    if (node.offset < upper || node.offset % 2 != 0 || node.offset + kNodeBytes > page.size()) return std::nullopt;
-    const std::uint64_t low = at<std::uint16_t>(page, node.offset), high = at<std::uint16_t>(page, node.offset + 2);
-    node.flags = at<std::uint16_t>(page, node.offset + 4);
-    const std::size_t key_bytes = at<std::uint16_t>(page, node.offset + 6);
-    node.number = low | high << 16;
-    std::size_t data_bytes = 0;
-    if (is_leaf) {
-      if ((node.flags & ~kBigData) != 0) return std::nullopt;  // no duplicates, no databases within
-      data_bytes = (node.flags & kBigData) != 0 ? sizeof(std::uint64_t) : node.number;
-    } else {
-      node.number |= std::uint64_t{node.flags} << 32;
-    }
-    if (key_bytes + data_bytes > page.size() - node.offset - kNodeBytes) return std::nullopt;
-    node.key = page.subspan(node.offset + kNodeBytes, key_bytes);
-    node.end = node.offset + kNodeBytes + key_bytes + data_bytes;
-    return node;
-  }
-
-  // All nodes of a page, apart from each other. Empty: the page is damaged.
-  std::vector<Node> nodes_of(ByteView page, bool is_leaf) const {
-    const std::size_t lower = at<std::uint16_t>(page, 12), upper = at<std::uint16_t>(page, 14);
-    if (lower <= kHeaderBytes || lower % 2 != 0 || lower > upper || upper > page.size()) return {};
-    std::vector<Node> nodes;
-    std::vector<std::pair<std::size_t, std::size_t>> places;
-    for (std::size_t k = 0; k < (lower - kHeaderBytes) / 2; ++k) {
-      const auto node = node_at(page, k, upper, is_leaf);
-      if (!node) return {};
-      nodes.push_back(*node);
-      places.emplace_back(node->offset, node->end);
-    }
-    std::sort(places.begin(), places.end());
-    for (std::size_t k = 1; k < places.size(); ++k) {
-      if (places[k].first < places[k - 1].second) return {};
-    }
-    return nodes;
   }
 
   // `first` and `behind`: what the page above says of the keys; empty: nothing.
@@ -232,7 +237,7 @@ class TreeWalk {
     }
     std::uint64_t number = 0;
     std::memcpy(&number, node.key.data() + node.key.size(), sizeof(number));
-    const std::uint64_t n_pages = (node.number + kHeaderBytes + meta_.page_bytes - 1) / meta_.page_bytes;
+    const std::uint64_t n_pages = pages_for(node.number, meta_.page_bytes);
     if (!claim(number, n_pages)) {
       return fault(node.key,
                    fmt::format("the value's pages, {} from page {} on, are outside the file, or reached twice", n_pages,
@@ -311,6 +316,49 @@ void StorePages::walk(const OnRecord& on_record, const OnFault& on_fault) const 
   // The list of unused pages: only what holds it is looked at, and that no record is there.
   TreeWalk(view_, meta, meta.free_pages, visited, pass_over, on_fault).run();
   TreeWalk(view_, meta, meta.records, visited, on_record, on_fault).run();
+}
+
+std::uint64_t StorePages::page_bytes() const { return newest_meta(view_)->page_bytes; }
+std::uint64_t StorePages::n_pages() const { return newest_meta(view_)->last_page + 1; }
+std::uint64_t StorePages::n_transactions() const { return newest_meta(view_)->transaction; }
+
+std::uint64_t StorePages::n_pages_of(std::size_t key_bytes, std::size_t value_bytes) const {
+  // me_nodemax: at least two nodes a page, each with its place in the page's table.
+  constexpr std::size_t kLeastNodes = 2, kPlaceBytes = 2;
+  const std::size_t most = ((page_bytes() - kHeaderBytes) / kLeastNodes & ~std::size_t{1}) - kPlaceBytes;
+  return kNodeBytes + key_bytes + value_bytes <= most ? 0 : pages_for(value_bytes, page_bytes());
+}
+
+bool StorePages::visit_all_leaves(const std::function<void(const LeafNode&)>& visit) const {
+  const Meta meta = *newest_meta(view_);
+  for (std::uint64_t number = kMetaPages; number <= meta.last_page;) {
+    const ByteView page = view_.subspan(number * meta.page_bytes, meta.page_bytes);
+    const auto kind = at<std::uint16_t>(page, 10);
+    if (at<std::uint64_t>(page, 0) != number || (kind != kBranch && kind != kLeaf && kind != kOverflow)) return false;
+    if (kind == kOverflow) {
+      const auto n = at<std::uint32_t>(page, 12);
+      if (n == 0 || n > meta.last_page + 1 - number) return false;
+      number += n;
+      continue;
+    }
+    if (kind == kLeaf) {
+      const std::vector<Node> nodes = nodes_of(page, true);
+      if (nodes.empty()) return false;
+      for (const Node& node : nodes) {
+        const std::uint64_t at_page = number * meta.page_bytes, behind_key = node.offset + kNodeBytes + node.key.size();
+        LeafNode leaf{node.key, at_page + node.offset, at_page + behind_key, node.number, 0};
+        if ((node.flags & kBigData) != 0) {
+          const auto first = at<std::uint64_t>(page, behind_key);
+          leaf.n_pages = pages_for(node.number, meta.page_bytes);
+          if (first < kMetaPages || first > meta.last_page || leaf.n_pages > meta.last_page + 1 - first) return false;
+          leaf.value_at = first * meta.page_bytes + kHeaderBytes;
+        }
+        visit(leaf);
+      }
+    }
+    ++number;
+  }
+  return true;
 }
 
 std::optional<std::string> StorePages::find_tree_fault(TreeExtent extent) const {

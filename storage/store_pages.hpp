@@ -22,6 +22,8 @@ enum class TreeExtent {
 /// file meanwhile.
 class StorePages {
  public:
+  static constexpr std::size_t kHeaderBytes = 16;  ///< Of a page, and of the first of several that hold one value.
+
   /// Maps the file and looks at its two meta pages. kNotFound, kIo; kCorrupt: no LMDB file, or cut off.
   static Result<StorePages> open(const std::string& path);
   /// The same of an open file, which stays the caller's; `path` is for messages.
@@ -46,6 +48,24 @@ class StorePages {
   std::optional<std::string> find_tree_fault(TreeExtent extent) const;
 
   std::uint64_t file_bytes() const { return view_.size(); }
+  /// Bytes of a page, pages in use at the end or once before, and how many transactions were committed.
+  std::uint64_t page_bytes() const;
+  std::uint64_t n_pages() const;
+  std::uint64_t n_transactions() const;
+
+  /// How many pages of its own LMDB gives to a value; 0: none, it stands in the leaf.
+  std::uint64_t n_pages_of(std::size_t key_bytes, std::size_t value_bytes) const;
+
+  /// A leaf's node: where in the file its value's size (two times two bytes, the lower first) and its value stand.
+  struct LeafNode {
+    ByteView key;
+    std::uint64_t size_at = 0, value_at = 0;
+    std::uint64_t n_bytes = 0;  ///< Of the value.
+    std::uint64_t n_pages = 0;  ///< That hold nothing but the value; 0: it stands in the leaf.
+  };
+  /// Visits the nodes of all leaf pages in the file, also of those that the tree does not reach any more: what they
+  /// held once is still there. Looks at every page's own kind. False: not all pages are of a known kind.
+  bool visit_all_leaves(const std::function<void(const LeafNode&)>& visit) const;
 
  private:
   explicit StorePages(ByteView view) : view_(view) {}

@@ -20,25 +20,10 @@
 namespace tind {
 namespace {
 
-constexpr std::size_t kKeyBytes = 10;
-constexpr std::array<std::uint8_t, 2> kManifestKey = {0xff, 'm'};
+constexpr std::size_t kKeyBytes = std::tuple_size_v<PieceKeyBytes>;
 constexpr mdb_mode_t kFileMode = 0644;
 // Address space, not disk. Fixed, because LMDB writes it into the file and the same input must give the same bytes.
 constexpr std::size_t kMapBytes = std::size_t{1} << 38;
-// A transaction's dirty pages are in memory, and what is not committed is lost in a crash. LMDB's pages depend on where
-// transactions end, so that must depend on nothing but what is written.
-constexpr std::size_t kCommitBytes = std::size_t{1} << 20;
-
-std::array<std::uint8_t, kKeyBytes> key_bytes(const PieceKey& key) {
-  const PieceKey k = key.canonical();
-  std::array<std::uint8_t, kKeyBytes> bytes{};
-  bytes[0] = k.level;
-  const std::uint64_t code = morton_code(k.i, k.j);
-  for (int b = 0; b < 8; ++b) bytes[static_cast<std::size_t>(1 + b)] = static_cast<std::uint8_t>(code >> (56 - 8 * b));
-  bytes[9] = static_cast<std::uint8_t>(k.kind);
-  return bytes;
-}
-
 MDB_val to_val(ByteView bytes) { return {bytes.size(), const_cast<std::uint8_t*>(bytes.data())}; }
 
 std::optional<ByteView> get(MDB_txn* txn, MDB_dbi dbi, ByteView key) {
@@ -80,6 +65,16 @@ Error lmdb_error(const std::string& path, const char* doing, int code) {
 
 }  // namespace
 
+PieceKeyBytes piece_key_bytes(const PieceKey& key) {
+  const PieceKey k = key.canonical();
+  PieceKeyBytes bytes{};
+  bytes[0] = k.level;
+  const std::uint64_t code = morton_code(k.i, k.j);
+  for (int b = 0; b < 8; ++b) bytes[static_cast<std::size_t>(1 + b)] = static_cast<std::uint8_t>(code >> (56 - 8 * b));
+  bytes[9] = static_cast<std::uint8_t>(k.kind);
+  return bytes;
+}
+
 std::optional<PieceKey> parse_piece_key(ByteView bytes) {
   if (bytes.size() != kKeyBytes || bytes[9] > static_cast<std::uint8_t>(PieceKind::kInputs)) return std::nullopt;
   std::uint64_t code = 0;
@@ -115,7 +110,7 @@ struct TileStore::Snapshot::Impl {
   }
 
   // The value under a key: that after the one found before, or searched for. Empty: none.
-  ByteView walk_to(const std::array<std::uint8_t, kKeyBytes>& key, bool is_next) {
+  ByteView walk_to(const PieceKeyBytes& key, bool is_next) {
     MDB_val k{}, v{};
     if (is_next && mdb_cursor_get(cursor, &k, &v, MDB_NEXT) == 0 && k.mv_size == key.size() &&
         std::memcmp(k.mv_data, key.data(), key.size()) == 0) {
@@ -134,7 +129,7 @@ TileStore::Snapshot::~Snapshot() = default;
 
 std::optional<ByteView> TileStore::Snapshot::find(const PieceKey& key) const {
   if (!key.valid()) return std::nullopt;
-  return get(impl_->txn, impl_->dbi, key_bytes(key));
+  return get(impl_->txn, impl_->dbi, piece_key_bytes(key));
 }
 
 bool TileStore::Snapshot::find_tile(const TileKey& key, std::array<ByteView, 9>& values) const {
@@ -148,7 +143,7 @@ bool TileStore::Snapshot::find_tile(const TileKey& key, std::array<ByteView, 9>&
   for (const std::size_t k : kOrder) {
     const PieceKey& piece = keys[k];
     const bool is_next = before && before->i == piece.i && before->j == piece.j;
-    values[k] = impl_->walk_to(key_bytes(piece), is_next);
+    values[k] = impl_->walk_to(piece_key_bytes(piece), is_next);
     before = values[k].empty() ? nullptr : &piece;
     if (k == 8 && values[8].empty()) return false;
   }
@@ -252,6 +247,12 @@ Result<TileStore::Snapshot> TileStore::snapshot() const {
 
 ByteView TileStore::map() const { return map_of(impl_->env); }
 
+int TileStore::file() const {
+  int file = -1;
+  mdb_env_get_fd(impl_->env, &file);
+  return file;
+}
+
 Result<std::string> content_hash(const TileStore::Snapshot& snapshot, ContentHash::Kind kind) {
   ContentHash hash(kind);
   TileStore::Cursor cursor(snapshot);
@@ -260,7 +261,7 @@ Result<std::string> content_hash(const TileStore::Snapshot& snapshot, ContentHas
     if (!piece) return tl::unexpected(piece.error());
     if (!*piece) return hash.hex();
     if ((*piece)->key.kind == PieceKind::kInputs) continue;
-    hash.add(key_bytes((*piece)->key));
+    hash.add(piece_key_bytes((*piece)->key));
     hash.add((*piece)->value);
   }
 }
@@ -270,9 +271,9 @@ struct TileStoreWriter::Impl {
   MDB_env* env = nullptr;
   MDB_txn* txn = nullptr;
   MDB_dbi dbi = 0;
-  std::size_t uncommitted_bytes = 0;
+  CommitPlaces places;
   bool has_committed = false;
-  std::optional<std::array<std::uint8_t, kKeyBytes>> last_earlier;  // largest key that an earlier writer left
+  std::optional<PieceKeyBytes> last_earlier;  // largest key that an earlier writer left
   bool had_manifest = false;
   ContentHash hash;
 
@@ -331,6 +332,8 @@ struct TileStoreWriter::Impl {
   }
 };
 
+const std::string& TileStoreWriter::path() const { return impl_->path; }
+
 ByteView TileStoreWriter::map() const { return map_of(impl_->env); }
 
 TileStoreWriter::TileStoreWriter(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
@@ -363,16 +366,14 @@ Result<TileStoreWriter> TileStoreWriter::go_on(const std::string& path, ContentH
 
 Result<void> TileStoreWriter::append(const PieceKey& key, ByteView value) {
   assert(key.valid() && key == key.canonical());
-  const auto bytes = key_bytes(key);
+  const auto bytes = piece_key_bytes(key);
   const bool is_earlier = impl_->last_earlier && bytes <= *impl_->last_earlier;
   if (auto done = impl_->put(bytes, value, is_earlier); !done) return done;
   if (key.kind != PieceKind::kInputs) {
     impl_->hash.add(bytes);
     impl_->hash.add(value);
   }
-  impl_->uncommitted_bytes += value.size() + kKeyBytes;
-  if (impl_->uncommitted_bytes < kCommitBytes) return {};
-  impl_->uncommitted_bytes = 0;
+  if (!impl_->places.add(value.size())) return {};
   if (is_earlier) return {};  // the earlier writer committed here
   const int code = mdb_txn_commit(std::exchange(impl_->txn, nullptr));
   if (code != 0) return tl::unexpected(lmdb_error(impl_->path, "writing", code));
@@ -384,13 +385,13 @@ Result<void> TileStoreWriter::append(const PieceKey& key, ByteView value) {
 }
 
 std::optional<ByteView> TileStoreWriter::find(const PieceKey& key) const {
-  return get(impl_->txn, impl_->dbi, key_bytes(key));
+  return get(impl_->txn, impl_->dbi, piece_key_bytes(key));
 }
 
 bool TileStoreWriter::has_pieces() const { return impl_->last_earlier.has_value() || impl_->has_committed; }
 
 std::optional<ByteView> TileStoreWriter::find_earlier(const PieceKey& key) const {
-  if (!impl_->last_earlier || key_bytes(key) > *impl_->last_earlier) return std::nullopt;
+  if (!impl_->last_earlier || piece_key_bytes(key) > *impl_->last_earlier) return std::nullopt;
   return find(key);
 }
 

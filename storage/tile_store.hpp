@@ -14,6 +14,11 @@
 
 namespace tind {
 
+/// The key of a piece's record (docs/format.md 2). Precondition: the piece's key is canonical or can be made so.
+using PieceKeyBytes = std::array<std::uint8_t, 10>;
+PieceKeyBytes piece_key_bytes(const PieceKey& key);
+inline constexpr std::array<std::uint8_t, 2> kManifestKey = {0xff, 'm'};
+
 /// The piece that a record's key names (docs/format.md 2); nullopt: not one that a builder writes.
 std::optional<PieceKey> parse_piece_key(ByteView key);
 /// True iff it is the key of the manifest's record.
@@ -79,6 +84,8 @@ class TileStore {
   Result<Snapshot> snapshot() const;
   /// The file in memory; empty where that cannot be told.
   ByteView map() const;
+  /// Its descriptor, the store's own.
+  int file() const;
 
  private:
   struct Impl;
@@ -88,6 +95,26 @@ class TileStore {
 
 /// The content hash of a file's pieces. Fails as Cursor::next does.
 Result<std::string> content_hash(const TileStore::Snapshot& snapshot, ContentHash::Kind kind);
+
+/// Where a writer's transactions end: a transaction's dirty pages are in memory, and what is not committed is lost in a
+/// crash. LMDB's pages depend on where transactions end, so that depends on nothing but what is written.
+class CommitPlaces {
+ public:
+  /// A piece with a value of so many bytes. True: a transaction ends behind it.
+  bool add(std::size_t n_bytes) {
+    uncommitted_bytes_ += n_bytes + std::tuple_size_v<PieceKeyBytes>;
+    if (uncommitted_bytes_ < kCommitBytes) return false;
+    uncommitted_bytes_ = 0;
+    ++n_commits_;
+    return true;
+  }
+  std::uint64_t n_commits() const { return n_commits_; }
+
+ private:
+  static constexpr std::size_t kCommitBytes = std::size_t{1} << 20;
+  std::size_t uncommitted_bytes_ = 0;
+  std::uint64_t n_commits_ = 0;
+};
 
 /// Writes a `.tind` file. One thread. Keys must come in storage order, the manifest last. What was appended is on disk
 /// every few megabytes; a file that was left there, by a crash or a full disk, can be gone on with, and then has the
@@ -105,6 +132,7 @@ class TileStoreWriter {
   /// Without finish() the file is left as it is, unfinished; the caller removes it.
   ~TileStoreWriter();
 
+  const std::string& path() const;
   /// Appends one piece. `value`: what pack_value made. kIo on a full disk; kCorrupt when an earlier writer left another
   /// value there.
   Result<void> append(const PieceKey& key, ByteView value);

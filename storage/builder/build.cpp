@@ -8,12 +8,14 @@
 #include <algorithm>
 #include <chrono>
 #include <filesystem>
+#include <memory>
 #include <optional>
 #include <thread>
 
 #include "storage/builder/duration.hpp"
 #include "storage/builder/earlier_pyramid.hpp"
 #include "storage/builder/output_file.hpp"
+#include "storage/builder/patched_pieces.hpp"
 #include "storage/builder/resident_limit.hpp"
 #include "storage/builder/source_levels.hpp"
 #include "storage/builder/unfinished_output.hpp"
@@ -370,9 +372,17 @@ class Build {
     m.shard_cut_level = built->shard_cut_level;
     report_.breakdown = std::move(built->breakdown);
     if (earlier_) report_.changed_tiles = changed_tiles(m, earlier_->manifest, built->changed);
-    m.content_hash = writer_->content_hash();
+    m.content_hash = built->content_hash;
     const std::string manifest = encode_manifest(m);
-    return writer_->finish(pack_value(Bytes(manifest.begin(), manifest.end())));
+    const Bytes value = pack_value(Bytes(manifest.begin(), manifest.end()));
+    patched_ = built->patched;
+    if (patched_) {
+      const auto stored = patched_->store(value, *writer_, options_.cancel);
+      if (!stored) return tl::unexpected(stored.error());
+      report_.is_copy = *stored;
+      return {};
+    }
+    return writer_->finish(value);
   }
 
   Result<void> put_in_place() {
@@ -408,6 +418,7 @@ class Build {
   std::jthread checker_;
   std::optional<UnfinishedOutput> unfinished_;
   std::optional<TileStoreWriter> writer_;
+  std::shared_ptr<PatchedPieces> patched_;  // holds the unfinished file's lock
   std::string scratch_dir_;
   std::optional<ResidentLimit> limit_;
   SurfaceLines lines_;

@@ -61,6 +61,7 @@ struct BuildReport {
   double read_seconds = 0;
   double line_seconds = 0;
   int threads = 0;
+  bool is_copy = false;  ///< The file is a copy of the earlier one, changed in places; else it was written anew.
   /// With BuildOptions::earlier: tiles that are served otherwise than before or not at all any more, by level, then in
   /// Morton order.
   std::vector<TileKey> changed_tiles;

@@ -85,6 +85,7 @@ class PyramidBuilder {
       outcome_.levels.push_back(std::move(*info));
       outcome_.breakdown.push_back(parts);
     }
+    outcome_.content_hash = writer_.content_hash();
     return std::move(outcome_);
   }
 
@@ -289,7 +290,7 @@ Result<PyramidOutcome> build_levels(const PyramidInput& input, TileStoreWriter& 
   const PostDigests posts(input.field, input.table.bottom_level(), input.threads, input.cancel);
   const RefinementSpec spec = refinement_spec(input, plan);
   if (input.earlier) {
-    auto patched = patch_levels(input, plan, spec, posts, writer, progress);
+    auto patched = patch_levels(input, plan, spec, posts, writer.path(), progress);
     if (!patched) return tl::unexpected(patched.error());
     if (*patched) return std::move(**patched);
   }

@@ -4,9 +4,9 @@
 #include <algorithm>
 #include <chrono>
 #include <cstdint>
-#include <deque>
 #include <iterator>
 #include <map>
+#include <memory>
 #include <set>
 #include <tuple>
 #include <utility>
@@ -17,10 +17,12 @@
 #include "storage/builder/duration.hpp"
 #include "storage/builder/earlier_tiles.hpp"
 #include "storage/builder/level_counter.hpp"
+#include "storage/builder/patched_pieces.hpp"
 #include "storage/builder/tile_maker.hpp"
 #include "storage/builder/tile_posts.hpp"
 #include "storage/builder/update_reach.hpp"
 #include "storage/builder/version.hpp"
+#include "storage/content_hash.hpp"
 #include "storage/inputs_blob.hpp"
 #include "storage/piece_blob.hpp"
 
@@ -31,8 +33,10 @@ namespace {
 // kept in memory until it is written.
 constexpr std::size_t kMostChanged = 64;
 constexpr std::size_t kMostTiles = 512;
-// Pieces that are read, counted and written at a time.
+// Pieces that are read and counted at a time.
 constexpr std::size_t kPiecesAtOnce = 1024;
+// Share of the work that comes before it.
+constexpr double kReadShare = 0.5;
 
 struct RootOrder {
   static auto key(const RootEdge& r) { return std::tuple(r.level, r.vertical, r.at, r.start); }
@@ -79,14 +83,14 @@ bool has_tiles(const LevelInfo& level, const std::vector<TileKey>& tiles) {
 class PyramidPatcher {
  public:
   PyramidPatcher(const PyramidInput& input, const TilePlan& plan, const RefinementSpec& spec, const PostDigests& posts,
-                 TileStoreWriter& writer, Progress& progress)
+                 const std::string& path, Progress& progress)
       : input_(input),
         field_(input.field),
         earlier_(*input.earlier),
         bottom_level_(input.table.bottom_level()),
         plan_(plan),
         spec_(spec),
-        writer_(writer),
+        path_(path),
         progress_(progress),
         reach_(plan, input.field.lattice),
         borders_(field_.lattice),
@@ -97,7 +101,8 @@ class PyramidPatcher {
   // Makes the pieces that can have changed. False: the whole way is to be gone.
   Result<bool> find_pieces() {
     if (!is_comparable() || !has_sound_inputs() || !find_changed_posts()) return false;
-    progress_.update(kMakingShare, "changed tiles");
+    progress_.update(kReadShare, "changed tiles");
+    pieces_ = std::make_shared<PatchedPieces>(earlier_, path_);
     Tiles tiles(plan_.tiles(0).begin(), plan_.tiles(0).end());
     for (const TileKey& bottom : changed_) {
       for (TileKey tile = bottom; tiles.insert(tile).second && tile.level > 0;) tile = tile.parent();
@@ -129,36 +134,22 @@ class PyramidPatcher {
     return made;
   }
 
-  // All pieces in order: those that were made, and the earlier ones.
-  Result<PyramidOutcome> write() {
-    TileStore::Cursor cursor(earlier_.snapshot);
+  // Counts all pieces: those that were made, and the earlier ones.
+  Result<PyramidOutcome> count() {
     std::vector<Entry> entries;
-    std::uint64_t n_written = 0, n_tiles = 0;
-    for (const LevelInfo& level : earlier_.manifest.levels) n_tiles += level.n_tiles;
-    for (bool more = true; more;) {
-      entries.clear();
-      while (more && entries.size() < kPiecesAtOnce) {
-        const auto piece = cursor.next();
-        if (!piece) return tl::unexpected(piece.error());
-        more = piece->has_value();
-        if (more) entries.push_back(entry_of(**piece));
-      }
-      count(entries);
-      for (const Entry& entry : entries) {
-        if (auto done = append(entry); !done) return tl::unexpected(done.error());
-        n_written += entry.key.kind == PieceKind::kBody ? 1 : 0;
-      }
-      const double done = static_cast<double>(n_written) / static_cast<double>(std::max<std::uint64_t>(n_tiles, 1));
-      progress_.update(kMakingShare + (1 - kMakingShare) * done, "storing");
-      if (cancelled()) return fail(ErrorKind::kInterrupted, "interrupted");
-    }
+    auto done = pieces_->for_all([&](const PieceKey& key, ByteView value) -> Result<void> {
+      entries.push_back(entry_of(key, value));
+      return entries.size() < kPiecesAtOnce ? Result<void>() : count(entries);
+    });
+    if (done) done = count(entries);
+    if (!done) return tl::unexpected(done.error());
     finish_level();
+    outcome_.content_hash = hash_.hex();
+    outcome_.patched = std::move(pieces_);
     return std::move(outcome_);
   }
 
  private:
-  static constexpr double kMakingShare = 0.3;  // of the work, that comes before writing
-
   bool cancelled() const { return input_.cancel && input_.cancel->load(std::memory_order_relaxed); }
   FlowRun run() const { return {input_.threads, input_.cancel, {}}; }
 
@@ -343,19 +334,18 @@ class PyramidPatcher {
     return tiles;
   }
 
-  // What was made, as pieces to be stored in the place of the earlier ones.
+  // What was made, to be stored in the place of the earlier pieces.
   void collect() {
-    for (const auto& [tile, made] : made_) {
-      pieces_[body_of(tile)] = {made.value, {}};
-      pieces_[inputs_of(tile)] = {made.inputs, {}};
+    for (auto& [tile, made] : made_) {
+      pieces_->replace(body_of(tile), std::move(made.value));
+      pieces_->replace(inputs_of(tile), std::move(made.inputs));
     }
     const auto add = [&](const PieceKey& key) {
       const auto before = earlier_.snapshot.find(key);
       if (!before) return;
       TileMaker::BorderPiece piece = maker_.make_border_piece(key);
       if (std::equal(before->begin(), before->end(), piece.value.begin(), piece.value.end())) return;
-      border_values_.push_back(std::move(piece.value));
-      pieces_[key] = {border_values_.back(), piece.figures};
+      pieces_->replace(key, std::move(piece.value));
     };
     for (const RootEdge& root : roots_) {
       for (const PieceKey& edge : reach_.edges_along(root)) add(edge);
@@ -367,20 +357,14 @@ class PyramidPatcher {
 
   struct Entry {
     PieceKey key;
-    ByteView value, inputs;  // inputs: of a body
-    bool is_new = false;
+    ByteView value, inputs;  // inputs: of a body that was not made
     Result<TileFigures> tile;
     Result<BorderFigures> border;
   };
-  Entry entry_of(const TileStore::Piece& piece) const {
-    Entry entry{piece.key, piece.value, {}, false, {}, {}};
-    if (const auto made = pieces_.find(piece.key); made != pieces_.end()) {
-      entry.value = made->second.value;
-      entry.border = made->second.figures;
-      entry.is_new = true;
-    }
-    if (piece.key.kind != PieceKind::kBody) return entry;
-    const TileKey tile{piece.key.level, piece.key.i, piece.key.j};
+  Entry entry_of(const PieceKey& key, ByteView value) const {
+    Entry entry{key, value, {}, {}, {}};
+    if (key.kind != PieceKind::kBody) return entry;
+    const TileKey tile{key.level, key.i, key.j};
     if (const auto made = made_.find(tile); made != made_.end()) {
       entry.tile = made->second.figures;
     } else {
@@ -389,46 +373,53 @@ class PyramidPatcher {
     return entry;
   }
 
-  // The figures of the pieces that are not new.
-  void count(std::vector<Entry>& entries) const {
+  // Counts pieces, which come in order, and takes them away.
+  Result<void> count(std::vector<Entry>& entries) {
     constexpr std::size_t kAtOnce = 32;
     const std::size_t n = (entries.size() + kAtOnce - 1) / kAtOnce;
     for_each_job(run(), static_cast<std::int64_t>(n), [&](int, std::int64_t job) {
       const std::size_t begin = static_cast<std::size_t>(job) * kAtOnce;
       for (std::size_t k = begin; k < std::min(begin + kAtOnce, entries.size()); ++k) {
         Entry& entry = entries[k];
-        if (entry.is_new || entry.key.kind == PieceKind::kInputs) continue;
-        if (entry.key.kind == PieceKind::kBody) {
+        if (entry.key.kind == PieceKind::kBody && !entry.inputs.empty()) {
           entry.tile = TileMaker::figures_of({entry.value, entry.inputs, {}});
           if (entry.tile) entry.tile->copied = !looked_at_.contains({entry.key.level, entry.key.i, entry.key.j});
-        } else {
+        } else if (entry.key.kind < PieceKind::kBody) {
           entry.border = maker_.figures_of(entry.key, entry.value);
         }
       }
     });
+    if (cancelled()) return fail(ErrorKind::kInterrupted, "interrupted");
+    for (const Entry& entry : entries) {
+      if (auto done = count(entry); !done) return done;
+    }
+    entries.clear();
+    return {};
   }
 
-  Result<void> append(const Entry& entry) {
+  Result<void> count(const Entry& entry) {
     const PieceKey& key = entry.key;
     if (!counter_ || key.level != level_) {
       finish_level();
       level_ = key.level;
       counter_.emplace(input_, spec_, key.level);
     }
+    if (key.kind == PieceKind::kInputs) return {};
     if (key.kind == PieceKind::kBody) {
       if (!entry.tile) return tl::unexpected(entry.tile.error());
       counter_->add_tile({key.level, key.i, key.j}, *entry.tile, entry.value.size());
-    } else if (key.kind != PieceKind::kInputs) {
+    } else {
       if (!entry.border) return tl::unexpected(entry.border.error());
       counter_->add_border_piece(key, *entry.border, entry.value.size());
     }
-    if (entry.is_new && key.kind != PieceKind::kInputs) {
-      const auto before = earlier_.snapshot.find(key);
-      if (!before || !std::equal(before->begin(), before->end(), entry.value.begin(), entry.value.end())) {
-        outcome_.changed.push_back(key);
-      }
+    hash_.add(piece_key_bytes(key));
+    hash_.add(entry.value);
+    if (!pieces_->find(key)) return {};
+    const auto before = earlier_.snapshot.find(key);
+    if (!before || !std::equal(before->begin(), before->end(), entry.value.begin(), entry.value.end())) {
+      outcome_.changed.push_back(key);
     }
-    return writer_.append(key, entry.value);
+    return {};
   }
 
   void finish_level() {
@@ -440,19 +431,13 @@ class PyramidPatcher {
     counter_.reset();
   }
 
-  // A corner, an edge, a body or an inputs record in the place of the earlier one; a view of what is kept elsewhere.
-  struct NewPiece {
-    ByteView value;
-    BorderFigures figures;
-  };
-
   const PyramidInput& input_;
   const HeightField& field_;
   const EarlierPyramid& earlier_;
   const int bottom_level_;
   const TilePlan& plan_;
   const RefinementSpec& spec_;
-  TileStoreWriter& writer_;
+  const std::string& path_;
   Progress& progress_;
   const UpdateReach reach_;
   BorderLines borders_;
@@ -462,11 +447,11 @@ class PyramidPatcher {
   Roots roots_;                   // stretches that may have changed
   Tiles looked_at_;
   std::map<TileKey, MadeTile, TileOrder> made_;  // those that are not what they were
-  std::deque<Bytes> border_values_;
-  std::map<PieceKey, NewPiece> pieces_;
+  std::shared_ptr<PatchedPieces> pieces_;
   std::vector<double> seconds_;  // that tiles of a level took, of all threads together
   int level_ = 0;
   std::optional<LevelCounter> counter_;  // of that level
+  ContentHash hash_{ContentHash::Kind::kXxh3};
   PyramidOutcome outcome_;
 };
 
@@ -474,13 +459,13 @@ class PyramidPatcher {
 
 Result<std::optional<PyramidOutcome>> patch_levels(const PyramidInput& input, const TilePlan& plan,
                                                    const RefinementSpec& spec, const PostDigests& posts,
-                                                   TileStoreWriter& writer, Progress& progress) {
-  PyramidPatcher patcher(input, plan, spec, posts, writer, progress);
+                                                   const std::string& path, Progress& progress) {
+  PyramidPatcher patcher(input, plan, spec, posts, path, progress);
   const auto found = patcher.find_pieces();
   if (!found) return tl::unexpected(found.error());
   if (!*found) return std::nullopt;
   if (const auto read = posts_are_read(input.field); !read) return tl::unexpected(read.error());
-  auto outcome = patcher.write();
+  auto outcome = patcher.count();
   if (!outcome) return tl::unexpected(outcome.error());
   return std::optional(std::move(*outcome));
 }

@@ -113,6 +113,7 @@ std::string report_json(const BuildReport& report) {
                {"levels", std::move(levels)},
                {"changed_tiles", std::move(changed)},
                {"file_bytes", report.file_bytes},
+               {"file_is_copy", report.is_copy},
                {"threads", report.threads},
                {"seconds", report.seconds},
                {"read_seconds", report.read_seconds},

@@ -17,6 +17,8 @@
 #include <set>
 #include <utility>
 
+#include "storage/store_patch.hpp"
+
 namespace tind {
 namespace {
 
@@ -85,6 +87,7 @@ Result<UnfinishedOutput> UnfinishedOutput::open(const std::string& output, bool 
       ::close(fd);
       continue;
     }
+    ::unlink(StorePatch::copy_path(path).c_str());  // of an update that was killed
     const bool is_there = by_fd.st_size > 0;
     if (is_there && !resume && !force) {
       ::close(fd);

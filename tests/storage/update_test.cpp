@@ -190,6 +190,7 @@ class UpdateTest : public ::testing::Test {
       const LevelBreakdown& bottom = report.breakdown.back();
       if (bottom.copied == 0) continue;
       ++n_patched_;
+      n_copies_ += report.is_copy;
       const auto n_built = [](const LevelBreakdown& level) { return level.built - level.repeated; };
       n_moved_ += std::any_of(report.breakdown.begin(), report.breakdown.end() - 2,
                               [&](const LevelBreakdown& level) { return n_built(level) > 0; });
@@ -202,6 +203,7 @@ class UpdateTest : public ::testing::Test {
   std::optional<BuildOptions::Shard> shard_;
   std::uint64_t n_repeated_ = 0, n_whole_ = 0;  // tiles of levels with cells
   int n_patched_ = 0;                           // updates that copied what nothing reached
+  int n_copies_ = 0;                            // of those, files that are a copy changed in places
   int n_moved_ = 0;                             // of those, updates in which a mesh above the bottom became another one
 };
 
@@ -213,9 +215,11 @@ TEST_F(UpdateTest, HasTheBytesOfARebuildAfterAnyChange) {
   EXPECT_GT(n_whole_, 100u);
   EXPECT_GT(n_patched_, 20);
   EXPECT_GT(n_moved_, 10);
+  EXPECT_GT(n_copies_, 3);
+  EXPECT_LT(n_copies_, n_patched_);
   RecordProperty("repeated", fmt::format("{}", n_repeated_));
   RecordProperty("whole", fmt::format("{}", n_whole_));
-  RecordProperty("patched", fmt::format("{} of them {} moved", n_patched_, n_moved_));
+  RecordProperty("patched", fmt::format("{}, {} moved, {} copies", n_patched_, n_moved_, n_copies_));
 }
 
 TEST_F(UpdateTest, SeesWhatChangesAtBorderLines) {
