@@ -55,7 +55,7 @@ class PatchedPieces;
 struct PyramidOutcome {
   std::vector<LevelInfo> levels;
   std::vector<LevelBreakdown> breakdown;
-  int shard_cut_level = 0;  ///< Where shards are cut.
+  int shard_cut_level = 0;   ///< Where shards are cut.
   std::string content_hash;  ///< Of all pieces.
   /// What is still to be stored, with the manifest; null: everything was appended to the writer.
   std::shared_ptr<PatchedPieces> patched;
@@ -64,8 +64,9 @@ struct PyramidOutcome {
 };
 
 /// Refines, encodes and appends all levels, coarse to fine. What the writer has from an interrupted run is not built
-/// again. What an update copies is appended by PyramidOutcome::patched. `progress` is told of the time left. kIo when the store cannot be written, kInterrupted when cancelled.
-/// The bytes do not depend on the number of threads, nor on what was taken over.
+/// again. What an update copies is appended by PyramidOutcome::patched. `progress` is told of the time left. kIo when
+/// the store cannot be written, kInterrupted when cancelled. The bytes do not depend on the number of threads, nor on
+/// what was taken over.
 Result<PyramidOutcome> build_levels(const PyramidInput& input, TileStoreWriter& writer, Progress& progress);
 
 }  // namespace tind
