@@ -58,6 +58,9 @@ struct RasterMosaic::Impl {
   Place post(const RasterMosaic& m, std::int64_t row, std::int64_t col) const;
   Result<void> read_own(std::size_t s, const PostWindow& window, std::vector<float>& heights_m,
                         std::uint64_t& n_implausible);
+  /// The same in the file's order.
+  Result<void> read_own_as_it_lies(std::size_t s, const PostWindow& window, SourceRows& rows,
+                                   std::uint64_t& n_implausible);
   /// Makes the sources that are not being read forget their cells, least recently read first, until what they keep is
   /// bounded, however many sources there are.
   void trim(std::size_t reading);
@@ -199,15 +202,28 @@ Result<RasterMosaic> RasterMosaic::open(const std::vector<std::string>& paths, c
   return m;
 }
 
-Result<void> RasterMosaic::Impl::read_own(std::size_t index, const PostWindow& window, std::vector<float>& heights_m,
-                                          std::uint64_t& n_implausible) {
+Result<void> RasterMosaic::Impl::read_own_as_it_lies(std::size_t index, const PostWindow& window, SourceRows& rows,
+                                                     std::uint64_t& n_implausible) {
   RasterFile& s = files[index];
   // From rows counted northwards among the used ones to rows of the file.
   const std::int64_t from_south = s.skip_south + window.row;
   const std::int64_t file_row = s.north_up ? s.info.n_rows - from_south - window.n_rows : from_south;
-  const std::int64_t n_cols = window.n_cols;
-  if (auto ok = s.read_window(window.col, file_row, n_cols, window.n_rows, heights_m, n_implausible); !ok) return ok;
-  if (s.north_up) {
+  rows.n_rows = window.n_rows;
+  rows.n_cols = window.n_cols;
+  rows.northernmost_first = s.north_up;
+  return s.read_window(window.col, file_row, window.n_cols, window.n_rows, rows.heights_m, n_implausible,
+                       &rows.has_void);
+}
+
+Result<void> RasterMosaic::Impl::read_own(std::size_t index, const PostWindow& window, std::vector<float>& heights_m,
+                                          std::uint64_t& n_implausible) {
+  SourceRows rows;
+  rows.heights_m.swap(heights_m);
+  const auto read = read_own_as_it_lies(index, window, rows, n_implausible);
+  rows.heights_m.swap(heights_m);
+  if (!read) return read;
+  if (rows.northernmost_first) {
+    const std::int64_t n_cols = window.n_cols;
     for (std::int64_t low = 0, high = window.n_rows - 1; low < high; ++low, --high) {
       const auto a = heights_m.begin() + low * n_cols, b = heights_m.begin() + high * n_cols;
       std::swap_ranges(a, a + n_cols, b);
@@ -289,6 +305,19 @@ Result<void> RasterMosaic::read_rows(std::size_t index, std::int64_t first_row, 
   const RasterSource& s = sources[index];
   if (auto read = read_window(index, first_row, 0, n, s.n_used_cols, heights_m, n_implausible); !read) return read;
   if (first_row + n == s.n_used_rows) impl_->readers[index].warper.reset();
+  impl_->files[index].close_when_read(n);
+  return {};
+}
+
+Result<void> RasterMosaic::read_rows(std::size_t index, std::int64_t first_row, std::int64_t n, SourceRows& rows,
+                                     std::uint64_t& n_implausible) const {
+  const std::int64_t n_used_cols = sources[index].n_used_cols;
+  if (warped || impl_->shift) {
+    rows = {std::move(rows.heights_m), n, n_used_cols};
+    return read_rows(index, first_row, n, rows.heights_m, n_implausible);
+  }
+  const PostWindow window{first_row, 0, n, n_used_cols};
+  if (auto read = impl_->read_own_as_it_lies(index, window, rows, n_implausible); !read) return read;
   impl_->files[index].close_when_read(n);
   return {};
 }

@@ -50,6 +50,19 @@ struct NativePosts {
   std::vector<float> heights_m;          ///< NaN: void. In the vertical datum of the mosaic.
 };
 
+/// Rows of the used posts of one source.
+struct SourceRows {
+  std::vector<float> heights_m;  ///< Row-major, NaN: void.
+  std::int64_t n_rows = 0, n_cols = 0;
+  bool northernmost_first = false;
+  bool has_void = true;  ///< False: none is a void.
+
+  /// By their order from the south.
+  const float* row(std::int64_t r) const {
+    return heights_m.data() + (northernmost_first ? n_rows - 1 - r : r) * n_cols;
+  }
+};
+
 /// One or more rasters on one common grid of geographic posts. Where all are geographic and lie on one grid the posts
 /// are the files' own (a post is a cell's centre); otherwise all are warped (docs/decisions/0005-warped-posts.md).
 /// Sources are kept in a canonical order that does not depend on the order of the arguments. One thread at a time.
@@ -81,6 +94,10 @@ class RasterMosaic {
   /// voids too. kIo when the file cannot be read (truncated, damaged), kInvalidInput when a geoid grid does not reach
   /// there. Cheapest when rows are read in ascending order; the file is closed once as many rows were read as are used.
   Result<void> read_rows(std::size_t s, std::int64_t first_row, std::int64_t n, std::vector<float>& heights_m,
+                         std::uint64_t& n_implausible) const;
+
+  /// The same in the order in which they lie in the file.
+  Result<void> read_rows(std::size_t s, std::int64_t first_row, std::int64_t n, SourceRows& rows,
                          std::uint64_t& n_implausible) const;
 
   /// Whether several threads may call read_rows() at a time.

@@ -14,35 +14,15 @@
 #include "core/drainage/flow_run.hpp"
 #include "storage/readers/falloff.hpp"
 #include "storage/readers/post_arrays.hpp"
+#include "storage/readers/row_merge.hpp"
 #include "storage/readers/void_fill.hpp"
 
 namespace tind {
 namespace {
 
-/// Rows of the mosaic's grid while overlapping sources are merged.
-struct Strip {
-  std::vector<double> sum;
-  std::vector<float> low, high;
-  std::vector<std::uint16_t> count;
-
-  explicit Strip(std::size_t n) : sum(n), low(n), high(n), count(n) {}
-  void clear() { std::fill(count.begin(), count.end(), std::uint16_t{0}); }
-  void add(std::size_t i, float height) {
-    if (count[i] == 0) {
-      sum[i] = height;
-      low[i] = high[i] = height;
-    } else {
-      sum[i] += height;
-      low[i] = std::min(low[i], height);
-      high[i] = std::max(high[i], height);
-    }
-    ++count[i];
-  }
-};
-
 constexpr std::size_t kStripBytes = std::size_t{16} << 20;
 constexpr std::size_t kMaxStripRows = 512;
-constexpr std::size_t kBytesPerStripPost = 40;  // Strip, one source's floats, GDAL's doubles, and the grid's posts
+constexpr std::size_t kBytesPerStripPost = 40;  // of a RowMerge, GDAL's doubles included
 
 }  // namespace
 
@@ -56,22 +36,6 @@ struct HeightGrid::Impl {
 
   /// Lays the extended grid around the mosaic's and reserves its memory. Returns the falloff that fits.
   Result<std::int64_t> lay_out(const RasterMosaic& mosaic, const Lattice& lattice, const HeightGridOptions& options);
-  /// What a thread works with that reads rows.
-  struct Worker {
-    std::vector<float> heights_m;  ///< Of one source.
-    std::optional<Strip> strip;    ///< Made when sources share rows.
-    /// Rows of the grid.
-    std::vector<float> grid_heights_m;
-    std::vector<PostOrigin> grid_origins;
-    HeightGridCounts counts;
-    double disagreement_m = 0;
-  };
-  /// Takes `n` posts of a source for the worker's rows from index `at` on.
-  static void take_row(const float* from, std::int64_t n, std::int64_t at, Worker& worker);
-  /// Takes the mean of overlapping sources for the worker's rows.
-  void take_mean(std::int64_t n_strip_rows, std::int64_t n_cols, Worker& worker);
-  /// Rows [begin, end) of the mosaic, from all its sources.
-  Result<void> merge_strip(const RasterMosaic& mosaic, std::int64_t begin, std::int64_t end, Worker& worker);
   Result<void> merge(const RasterMosaic& mosaic, int threads, const std::function<void(double)>& progress);
   /// One height for a pole; `row` is the grid's last row at it, `on_pole` iff it lies on the pole itself.
   double settle_pole(std::int64_t row, bool on_pole);
@@ -144,89 +108,6 @@ Result<std::int64_t> HeightGrid::Impl::lay_out(const RasterMosaic& mosaic, const
   return falloff;
 }
 
-void HeightGrid::Impl::take_row(const float* from, std::int64_t n, std::int64_t at, Worker& worker) {
-  float* __restrict heights = worker.grid_heights_m.data() + at;
-  PostOrigin* __restrict origins = worker.grid_origins.data() + at;
-  std::uint32_t n_voids = 0;
-  for (std::int64_t c = 0; c < n; ++c) {
-    const bool is_void = std::isnan(from[c]);
-    heights[c] = is_void ? 0 : from[c];
-    origins[c] = is_void ? PostOrigin::kBase : PostOrigin::kSource;
-    n_voids += is_void ? 1u : 0u;
-  }
-  worker.counts.source += static_cast<std::uint64_t>(n) - n_voids;
-}
-
-void HeightGrid::Impl::take_mean(std::int64_t n_strip_rows, std::int64_t n_cols, Worker& worker) {
-  const Strip& strip = *worker.strip;
-  for (std::int64_t r = 0; r < n_strip_rows; ++r) {
-    const std::int64_t out = r * grid.n_cols + frame.west_col;
-    for (std::int64_t c = 0; c < n_cols; ++c) {
-      const auto i = static_cast<std::size_t>(r * n_cols + c), o = static_cast<std::size_t>(out + c);
-      if (strip.count[i] == 0) continue;
-      const auto height = static_cast<float>(strip.sum[i] / strip.count[i]);
-      worker.grid_heights_m[o] = height;
-      worker.grid_origins[o] = PostOrigin::kSource;
-      ++worker.counts.source;
-      if (strip.count[i] < 2) continue;
-      ++worker.counts.overlapping;
-      if (strip.low[i] == strip.high[i]) continue;
-      ++worker.counts.disagreeing;
-      const double mean = height, low = strip.low[i], high = strip.high[i];
-      worker.disagreement_m = std::max({worker.disagreement_m, high - mean, mean - low});
-    }
-  }
-}
-
-Result<void> HeightGrid::Impl::merge_strip(const RasterMosaic& mosaic, std::int64_t begin, std::int64_t end,
-                                           Worker& worker) {
-  const auto n_cols = static_cast<std::size_t>(mosaic.n_cols);
-  std::vector<std::size_t> present;
-  for (std::size_t s = 0; s < mosaic.sources.size(); ++s) {
-    const RasterSource& source = mosaic.sources[s];
-    if (source.grid_row < end && source.grid_row + source.n_used_rows > begin) present.push_back(s);
-  }
-  if (present.empty()) return {};
-  const bool alone = present.size() == 1 && mosaic.sources[present[0]].n_used_cols <= mosaic.n_cols;
-  if (!alone) {
-    const std::size_t n_strip_posts = static_cast<std::size_t>(end - begin) * n_cols;
-    if (!worker.strip || worker.strip->count.size() < n_strip_posts) worker.strip.emplace(n_strip_posts);
-    worker.strip->clear();
-  }
-  const auto n_posts = static_cast<std::size_t>((end - begin) * grid.n_cols);
-  worker.grid_heights_m.assign(n_posts, 0.0f);
-  worker.grid_origins.assign(n_posts, PostOrigin::kBase);
-  for (const std::size_t s : present) {
-    if (is_set(grid.cancel)) return interrupted();
-    const RasterSource& source = mosaic.sources[s];
-    const std::int64_t from = std::max(begin, source.grid_row),
-                       to = std::min(end, source.grid_row + source.n_used_rows);
-    if (auto read = mosaic.read_rows(s, from - source.grid_row, to - from, worker.heights_m, worker.counts.implausible);
-        !read) {
-      return read;
-    }
-    for (std::int64_t r = from; r < to; ++r) {
-      const float* row = worker.heights_m.data() + (r - from) * source.n_used_cols;
-      if (alone) {
-        const std::int64_t out = (r - begin) * grid.n_cols + frame.west_col;
-        // Columns that pass the mosaic's eastern end go on at its western one.
-        const std::int64_t n_east = std::min(source.n_used_cols, mosaic.n_cols - source.grid_col);
-        take_row(row, n_east, out + source.grid_col, worker);
-        take_row(row + n_east, source.n_used_cols - n_east, out, worker);
-        continue;
-      }
-      const std::size_t row_at = static_cast<std::size_t>(r - begin) * n_cols;
-      auto col = static_cast<std::size_t>(source.grid_col);
-      for (std::int64_t c = 0; c < source.n_used_cols; ++c) {
-        if (!std::isnan(row[c])) worker.strip->add(row_at + col, row[c]);
-        if (++col == n_cols) col = 0;
-      }
-    }
-  }
-  if (!alone) take_mean(end - begin, mosaic.n_cols, worker);
-  return arrays.take((frame.south_row + begin) * grid.n_cols, worker.grid_heights_m, worker.grid_origins);
-}
-
 Result<void> HeightGrid::Impl::merge(const RasterMosaic& mosaic, int threads,
                                      const std::function<void(double)>& progress) {
   const int n_workers = mosaic.reads_in_parallel() ? threads : 1;
@@ -234,14 +115,20 @@ Result<void> HeightGrid::Impl::merge(const RasterMosaic& mosaic, int threads,
   const auto strip_rows = static_cast<std::int64_t>(
       std::clamp<std::size_t>(kStripBytes / static_cast<std::size_t>(n_workers) / row_bytes, 1, kMaxStripRows));
   const std::int64_t n_strips = (mosaic.n_rows + strip_rows - 1) / strip_rows;
-  std::vector<Worker> workers(static_cast<std::size_t>(n_workers));
+  std::vector<RowMerge> workers(static_cast<std::size_t>(n_workers),
+                                RowMerge(mosaic, grid.n_cols, frame.west_col, grid.cancel));
   std::mutex mutex;
   std::optional<Error> failure;
   std::atomic<bool> has_failed{false};
   for_each_job({n_workers, grid.cancel, {}}, n_strips, [&](int w, std::int64_t job) {
     if (has_failed) return;
     const std::int64_t begin = job * strip_rows, end = std::min(begin + strip_rows, mosaic.n_rows);
-    if (auto merged = merge_strip(mosaic, begin, end, workers[static_cast<std::size_t>(w)]); !merged) {
+    RowMerge& worker = workers[static_cast<std::size_t>(w)];
+    const auto merged = worker.merge(begin, end).and_then([&](bool any) -> Result<void> {
+      if (!any) return {};
+      return arrays.take((frame.south_row + begin) * grid.n_cols, worker.heights_m(), worker.origins());
+    });
+    if (!merged) {
       const std::lock_guard lock(mutex);
       if (!failure) failure = merged.error();
       has_failed = true;
@@ -251,12 +138,12 @@ Result<void> HeightGrid::Impl::merge(const RasterMosaic& mosaic, int threads,
   });
   if (failure) return tl::unexpected(*failure);
   if (is_set(grid.cancel)) return interrupted();
-  for (const Worker& worker : workers) {
-    counts.source += worker.counts.source;
-    counts.overlapping += worker.counts.overlapping;
-    counts.disagreeing += worker.counts.disagreeing;
-    counts.implausible += worker.counts.implausible;
-    field.disagreement_m = std::max(field.disagreement_m, worker.disagreement_m);
+  for (const RowMerge& worker : workers) {
+    counts.source += worker.counts().source;
+    counts.overlapping += worker.counts().overlapping;
+    counts.disagreeing += worker.counts().disagreeing;
+    counts.implausible += worker.counts().implausible;
+    field.disagreement_m = std::max(field.disagreement_m, worker.disagreement_m());
   }
   return {};
 }

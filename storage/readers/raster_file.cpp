@@ -370,7 +370,7 @@ Result<RasterFile> inspect_raster(const std::string& path, const RasterOptions& 
 }
 
 Result<void> RasterFile::read_window(std::int64_t col, std::int64_t row, std::int64_t n_cols, std::int64_t n_rows,
-                                     std::vector<float>& heights_m, std::uint64_t& n_implausible) {
+                                     std::vector<float>& heights_m, std::uint64_t& n_implausible, bool* has_void) {
   std::unique_lock lock(*mutex_);
   if (!dataset) {
     if (auto opened = open_dataset(*this); !opened) return opened;
@@ -400,6 +400,7 @@ Result<void> RasterFile::read_window(std::int64_t col, std::int64_t row, std::in
   lock.unlock();
   if (fits_float && !has_mask && scale == 1 && offset == 0) {
     const CellSigns found = settle_metres(heights_m, n_implausible);
+    if (has_void) *has_void = found.has_void;
     lock.lock();
     signs.add(found);
     return {};
@@ -427,6 +428,7 @@ Result<void> RasterFile::read_window(std::int64_t col, std::int64_t row, std::in
       found.lowest_other = std::min(found.lowest_other, heights_m[i]);
     }
   }
+  if (has_void) *has_void = found.has_void;
   lock.lock();
   signs.add(found);
   return {};

@@ -62,11 +62,12 @@ struct RasterFile {
   std::string why_not_own;  ///< Why not, for the user.
 
   /// Heights in metres of the cells [col, col + n_cols) x [row, row + n_rows), row-major in the file's order, NaN for
-  /// voids; replaces `heights_m`. `n_implausible` is increased by the cells beyond +-kMaxHeightM, which are voids too.
+  /// voids; replaces `heights_m`. `n_implausible` is increased by the cells beyond +-kMaxHeightM, which are voids too;
+  /// `has_void`, unless it is null, tells whether there are any.
   /// kIo: truncated or damaged. Opens the file if need be. Thread safe: GDAL reads one window at a time, what is left
   /// to do is done side by side. Precondition: the window lies inside the raster.
   Result<void> read_window(std::int64_t col, std::int64_t row, std::int64_t n_cols, std::int64_t n_rows,
-                           std::vector<float>& heights_m, std::uint64_t& n_implausible);
+                           std::vector<float>& heights_m, std::uint64_t& n_implausible, bool* has_void = nullptr);
   /// Notes that so many more of the used rows have been read, in any order; closes the file after as many as there are.
   /// Thread safe.
   void close_when_read(std::int64_t n_rows);
