@@ -15,6 +15,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "storage/readers/post_arrays.hpp"
+
 namespace tind {
 namespace {
 
@@ -149,6 +151,42 @@ TEST_F(HeightGridTest, BlocksAreThoseOfTheFinishedPosts) {
   heights[100] += 1;
   stale.heights_m = heights.data();
   EXPECT_FALSE(has_own_blocks(stale));
+}
+
+TEST_F(HeightGridTest, BlocksOnDemandAreThoseOfTheFinishedPostsAndOfPages) {
+  const auto path = write_grid("a.asc", 10, 45, 0.05, 130, 300, [](int r, int c) {
+    return r > 4 && r < 8 && c > 9 && c < 20 ? std::string("-9999") : number(7 * r % 31 + 3 * c);
+  });
+  auto mosaic = RasterMosaic::open({path}, {});
+  ASSERT_TRUE(mosaic) << mosaic.error().message;
+  Lattice lattice;
+  lattice.level = 8;
+  lattice.height_exponent = 6;
+  auto plain = HeightGrid::load(*mosaic, lattice, {-5, 10, folder_.string(), 1}, {});
+  ASSERT_TRUE(plain) << plain.error().message;
+  EXPECT_FALSE(plain->field().blocks->is_on_demand());
+  const std::uint64_t n_bytes = PostArrays::n_bytes(plain->field());
+  for (const std::uint64_t on_demand_bytes : {n_bytes - 1, n_bytes}) {
+    auto grid = HeightGrid::load(*mosaic, lattice, {-5, 10, folder_.string(), 2, on_demand_bytes}, {});
+    ASSERT_TRUE(grid) << grid.error().message;
+    EXPECT_EQ(grid->field().blocks->is_on_demand(), on_demand_bytes == n_bytes);
+    grid->field().blocks->block(0, 3, 5);
+    auto moved = std::move(*grid);
+    ASSERT_TRUE(moved.turn_into_pages(folder_.string(), 1 << 20, 2, nullptr));
+    const PostBlocks &paged = *moved.field().blocks, &expected = *plain->field().blocks;
+    EXPECT_FALSE(paged.is_on_demand());
+    for (int level = 0; level < expected.n_levels(); ++level) {
+      for (std::int64_t i = 0; i < expected.n_block_rows(level); ++i) {
+        for (std::int64_t j = 0; j < expected.n_block_cols(level); ++j) {
+          ASSERT_EQ(std::memcmp(&paged.block(level, i, j), &expected.block(level, i, j), sizeof(PostBlock)), 0);
+          ASSERT_EQ(std::memcmp(&paged.sums(level, i, j), &expected.sums(level, i, j), sizeof(PostBlockSums)), 0);
+        }
+      }
+    }
+  }
+  auto grid = HeightGrid::load(*mosaic, lattice, {-5, 10, folder_.string(), 2, n_bytes}, {});
+  ASSERT_TRUE(grid);
+  EXPECT_TRUE(has_own_blocks(grid->field()));
 }
 
 TEST_F(HeightGridTest, LoadingStopsWhenItIsToldTo) {
