@@ -257,10 +257,9 @@ class FalloffRows {
     float* heights = grid_.heights_m + run.row * n_cols;
     PostOrigin* origins = grid_.origins + run.row * n_cols;
     const auto& hull = nearest_.hull();
-    if (hull.empty()) {
-      std::fill(heights + run.begin, heights + run.end, static_cast<float>(base_height_m_));
-      return;
-    }
+    // Before neighbours are read: a page of the map that is read first is faulted in a second time to be written.
+    std::fill(heights + run.begin, heights + run.end, static_cast<float>(base_height_m_));
+    if (hull.empty()) return;
     const auto n = static_cast<std::size_t>(run.end - run.begin);
     distances2_.resize(n);
     values_.resize(n);
