@@ -165,6 +165,11 @@ std::optional<Manifest> complete_output(const std::string& output, const Manifes
   return std::move(m);
 }
 
+// Whether the grids of posts lie alike: the sources' common one, and the rim around it.
+bool has_same_grid(const Manifest& a, const Manifest& b) {
+  return a.bounds_deg == b.bounds_deg && a.spacing_deg == b.spacing_deg && a.falloff_posts == b.falloff_posts;
+}
+
 // Tiles with a changed piece, and tiles of the earlier pyramid that are gone.
 std::vector<TileKey> changed_tiles(const Manifest& now, const Manifest& earlier, const std::vector<PieceKey>& changed) {
   std::vector<TileKey> tiles;
@@ -364,8 +369,15 @@ class Build {
     source_->describe(m);
     m.lines = lines_.counts;
     m.options_json = options_to_json(asked_, options_, lines_).dump();
-    const PyramidInput input{field,           table_,        lines_.pyramid, report_.threads,
-                             options_.cancel, m.shard_index, m.shard_count,  earlier_ ? &*earlier_ : nullptr};
+    const PyramidInput input{field,
+                             table_,
+                             lines_.pyramid,
+                             report_.threads,
+                             options_.cancel,
+                             m.shard_index,
+                             m.shard_count,
+                             earlier_ ? &*earlier_ : nullptr,
+                             earlier_ && has_same_grid(earlier_->manifest, m)};
     auto built = build_levels(input, *writer_, progress_);
     if (!built) return tl::unexpected(built.error());
     m.levels = std::move(built->levels);

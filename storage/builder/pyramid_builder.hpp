@@ -47,6 +47,8 @@ struct PyramidInput {
   int shard_index = 0, shard_count = 1;
   /// An earlier pyramid: bodies that were made of the same inputs are taken from it. Null: none.
   const EarlierPyramid* earlier = nullptr;
+  /// Whether its grid of posts lies where the field's does, and their blocks with them.
+  bool is_grid_as_it_was = false;
 };
 
 class PatchedPieces;

@@ -228,15 +228,9 @@ TileInputs::Digest frame_digest(const HeightField& field, const TileTask& task,
   return digest.finish();
 }
 
-std::uint64_t vertex_posts_digest(const HeightField& field, const VertexPosts& posts) {
+std::uint64_t vertex_posts_digest(const VertexPosts& posts) {
   Digest digest;
-  for (const std::int64_t n : {field.n_rows, field.n_cols}) digest.add_value(n);
-  for (const double v : {field.x0, field.y0, field.south_pole_m, field.north_pole_m, posts.served_step_m}) {
-    digest.add_value(v);
-  }
-  for (const bool is : {field.continues_south, field.continues_north, field.blocks != nullptr}) {
-    digest.add_value(static_cast<std::uint8_t>(is));
-  }
+  digest.add_value(posts.served_step_m);
   add_all(digest, posts.heights_m);
   const TileInputs::Digest all = digest.finish();
   std::uint64_t first = 0;

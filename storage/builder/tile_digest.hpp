@@ -38,7 +38,7 @@ class PostDigests {
 TileInputs::Digest frame_digest(const HeightField& field, const TileTask& task,
                                 const std::array<std::span<const LineVertex>, 4>& borders, int n_gaps);
 
-/// Digest of a tile's VertexPosts, and of where the grid's posts and their blocks lie. Pure; thread safe.
-std::uint64_t vertex_posts_digest(const HeightField& field, const VertexPosts& posts);
+/// Digest of a tile's VertexPosts. Nothing in it depends on the grid beyond the tile. Pure; thread safe.
+std::uint64_t vertex_posts_digest(const VertexPosts& posts);
 
 }  // namespace tind

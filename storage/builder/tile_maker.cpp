@@ -153,14 +153,15 @@ int TileMaker::threads_of(const TileKey& key) const {
 // The tile out of few posts, where the earlier one was made in the same frame.
 std::optional<TileSurface> TileMaker::repeat(const TileTask& task, const TileInputs& inputs,
                                              const StoredTile& earlier) const {
-  if (task.n_cell_levels == 0 || inputs.n_cell_levels != task.n_cell_levels || earlier.changed.empty()) return {};
+  if (!input_.is_grid_as_it_was || task.n_cell_levels == 0 || inputs.n_cell_levels != task.n_cell_levels ||
+      earlier.changed.empty())
+    return {};
   const auto record = unpack_value(earlier.body);
   if (!record) return {};
   const auto body = decode_body(*record);
   if (!body) return {};
-  const EarlierTile tile{body->interior, body->triangles, inputs.cells, earlier.changed, [&](const VertexPosts& now) {
-                           return vertex_posts_digest(field_, now) == inputs.vertex_posts;
-                         }};
+  const EarlierTile tile{body->interior, body->triangles, inputs.cells, earlier.changed,
+                         [&](const VertexPosts& now) { return vertex_posts_digest(now) == inputs.vertex_posts; }};
   return repeat_triangulation(field_, task, tile, threads_of(task.key));
 }
 
@@ -208,7 +209,7 @@ Result<MadeTile> TileMaker::make(const TileKey& key, std::span<const LocalVertex
   made_of.n_left_out = surface.n_left_out;
   if (task.n_cell_levels > 0) {
     made_of.n_cell_levels = static_cast<std::uint8_t>(task.n_cell_levels);
-    made_of.vertex_posts = vertex_posts_digest(field_, surface.vertex_posts);
+    made_of.vertex_posts = vertex_posts_digest(surface.vertex_posts);
     made_of.cells = std::move(surface.cells);
   }
   result.value = pack_body(body);

@@ -33,7 +33,7 @@ namespace fs = std::filesystem;
 constexpr int kRows = 260, kCols = 300;
 constexpr float kVoid = -9999;
 // Posts along a bottom tile: level 13.
-constexpr double kWest = 10.0003, kNorth = 45.3001, kSpacing = 0.0008, kTilePosts = 180.0 / 8192 / kSpacing;
+constexpr double kSpacing = 0.0008, kTilePosts = 180.0 / 8192 / kSpacing;
 
 class UpdateTest : public ::testing::Test {
  protected:
@@ -85,8 +85,8 @@ class UpdateTest : public ::testing::Test {
     };
     const float by = metres(13, 22);
     const int kind = static_cast<int>(random_() % 3);
-    const int r = kind == 0 ? row() : beside(kNorth - kRows * kSpacing, kRows);
-    const int c = kind == 1 ? col() / 3 : beside(kWest, 95);
+    const int r = kind == 0 ? row() : beside(north_ - kRows * kSpacing, kRows);
+    const int c = kind == 1 ? col() / 3 : beside(west_, 95);
     raise(r, c, 1, 1, by);
     return fmt::format("row {}, column {} by {} m", r, c, by);
   }
@@ -139,10 +139,10 @@ class UpdateTest : public ::testing::Test {
   void write() const {
     std::vector<float> values;
     for (int r = kRows - 1; r >= 0; --r) {
-      values.insert(values.end(), posts_.begin() + r * kCols, posts_.begin() + (r + 1) * kCols);
+      values.insert(values.end(), posts_.begin() + r * kCols, posts_.begin() + r * kCols + n_cols_);
     }
     std::ofstream((folder_ / "posts.tif").string(), std::ios::binary)
-        << geotiff_bytes(kCols, kRows, kWest, kNorth, kSpacing, 4326, true, values);
+        << geotiff_bytes(n_cols_, kRows, west_, north_, kSpacing, 4326, true, values);
   }
   std::string bytes_of(const std::string& name) const {
     std::ifstream in((folder_ / name).string(), std::ios::binary);
@@ -168,6 +168,21 @@ class UpdateTest : public ::testing::Test {
     return report ? std::move(*report) : BuildReport{};
   }
 
+  // Which records of the updated file are not those of the rebuild.
+  std::string differences() const {
+    DamagedStore after((folder_ / "after.tind").string()), whole((folder_ / "whole.tind").string());
+    std::string text = fmt::format("; {} records, {} wanted", after.records().size(), whole.records().size());
+    for (const auto& [key, value] : whole.records()) {
+      const auto at = after.records().find(key);
+      const bool is_same =
+          at != after.records().end() && std::equal(at->second.begin(), at->second.end(), value.begin(), value.end());
+      const auto piece = parse_piece_key(key);
+      if (is_same || !piece) continue;
+      text += fmt::format("; kind {} {}/{}/{}", static_cast<int>(piece->kind), piece->level, piece->i, piece->j);
+    }
+    return text;
+  }
+
   // Changes and updates so many times, each from the file before.
   void run(int n, double tolerance_m, bool drainage, const std::function<std::string()>& change) {
     write();
@@ -180,7 +195,7 @@ class UpdateTest : public ::testing::Test {
       write();
       build("whole.tind", "", tolerance_m, drainage, 2);
       const BuildReport report = build("after.tind", "before.tind", tolerance_m, drainage, 1 + k % 3);
-      ASSERT_TRUE(bytes_of("after.tind") == bytes_of("whole.tind")) << k << ": " << what;
+      ASSERT_TRUE(bytes_of("after.tind") == bytes_of("whole.tind")) << k << ": " << what << differences();
       fs::rename(folder_ / "after.tind", folder_ / "before.tind");
       const std::size_t n_levels = report.breakdown.size();
       for (std::size_t level = 0; level + 2 < n_levels; ++level) {
@@ -197,6 +212,8 @@ class UpdateTest : public ::testing::Test {
     }
   }
 
+  double west_ = 10.0003, north_ = 45.3001;
+  int n_cols_ = kCols;  // that are written, from the west
   fs::path folder_;
   std::mt19937 random_{20261122};
   std::vector<float> posts_, earlier_posts_;  // row 0 is the southernmost
@@ -226,6 +243,35 @@ TEST_F(UpdateTest, SeesWhatChangesAtBorderLines) {
   const char* more = std::getenv("TIND_UPDATES");
   run(more != nullptr ? std::atoi(more) : 24, 12, false, [this] { return change_at_line(); });
   EXPECT_GT(n_patched_, 20);
+}
+
+TEST_F(UpdateTest, SeesWhatChangesAcrossLongitude180) {
+  west_ = 180 - 40.3 * kSpacing;
+  run(12, 12, false, [this] { return change_at_line(); });
+  run(12, 12, false, [this] { return change(); });
+  EXPECT_GT(n_patched_, 15);
+}
+
+TEST_F(UpdateTest, SeesWhatChangesAtAPole) {
+  north_ = 90;
+  run(8, 12, false, [this] { return change_at_line(); });
+  run(12, 12, false, [this] { return change(); });
+  EXPECT_GT(n_patched_, 10);
+}
+
+TEST_F(UpdateTest, HasTheBytesOfARebuildOfAGridThatGrew) {
+  for (const int n_cols : {250, 290, 300, 270}) {
+    n_cols_ = n_cols;
+    write();
+    const BuildReport whole = build("whole.tind", "", 12, false, 2);
+    if (n_cols != 250) {
+      const BuildReport report = build("after.tind", "before.tind", 12, false, 2);
+      ASSERT_TRUE(bytes_of("after.tind") == bytes_of("whole.tind")) << n_cols << differences();
+      // Far from where it grew all is as it was.
+      EXPECT_LT(report.breakdown.back().built, whole.breakdown.back().built);
+    }
+    fs::rename(folder_ / "whole.tind", folder_ / "before.tind");
+  }
 }
 
 TEST_F(UpdateTest, TakesNothingFromADamagedInputsRecord) {
