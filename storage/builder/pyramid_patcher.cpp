@@ -161,8 +161,8 @@ class PyramidPatcher {
     if (m.generator != kGenerator || m.bottom_level != bottom_level_ || then.level != now.level ||
         then.height_exponent != now.height_exponent || then.ellipsoid.semi_major_m != now.ellipsoid.semi_major_m ||
         then.ellipsoid.inverse_flattening != now.ellipsoid.inverse_flattening || m.shard_count != 1 ||
-        input_.shard_count != 1 || !input_.is_grid_as_it_was || !can_be_repeated(field_) || !field_.pinned.empty() || !input_.lines.empty() ||
-        lines.streams + lines.shores + lines.given + lines.vertices != 0 ||
+        input_.shard_count != 1 || !input_.is_grid_as_it_was || !can_be_repeated(field_) || !field_.pinned.empty() ||
+        !input_.lines.empty() || lines.streams + lines.shores + lines.given + lines.vertices != 0 ||
         m.levels.size() != static_cast<std::size_t>(bottom_level_) + 1) {
       return false;
     }
