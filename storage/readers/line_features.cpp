@@ -130,7 +130,7 @@ class LineCollector {
     // Shapefiles of type PolyLineZ often carry zeros for want of heights.
     if (has_heights_ && !has_height_but_zero_) {
       for (SourceLine& line : file_.lines) {
-        for (LineVertex& v : line.vertices) v.height_m = kNoHeight;
+        for (SourceVertex& v : line.vertices) v.height_m = kNoHeight;
       }
       file_.notes.push_back(fmt::format("{}: all heights are 0: taken as lines without heights", file_.name));
     }
@@ -245,9 +245,9 @@ class LineCollector {
                        std::size_t begin, std::size_t end, std::optional<std::size_t> polygon) {
     SourceLine line{feature_, polygon, {}};
     for (std::size_t i = begin; i < end; ++i) {
-      LineVertex v = place(lon[i], lat[i], source[i].z, line.vertices.empty() ? nullptr : &line.vertices.back());
+      SourceVertex v = place(lon[i], lat[i], source[i].z, line.vertices.empty() ? nullptr : &line.vertices.back());
       if (i > begin && !to_globe_.is_straight()) {
-        const LineVertex before = line.vertices.back();
+        const SourceVertex before = line.vertices.back();
         bend(source[i - 1], source[i], before, v, kMaxHalvings, line.vertices);
         // Halving may have found the longer way around the globe.
         v = place(lon[i], lat[i], source[i].z, &line.vertices.back());
@@ -260,17 +260,17 @@ class LineCollector {
   }
 
   /// On the lattice, by whole turns near the vertex before.
-  LineVertex place(double lon, double lat, double height_m, const LineVertex* before) const {
+  SourceVertex place(double lon, double lat, double height_m, const SourceVertex* before) const {
     const double step = frame_.lattice.step_deg(), width = static_cast<double>(frame_.lattice.width());
-    LineVertex v{(lon + 180) / step, (std::clamp(lat, -90.0, 90.0) + 90) / step, height_m};
+    SourceVertex v{(lon + 180) / step, (std::clamp(lat, -90.0, 90.0) + 90) / step, height_m};
     if (before != nullptr) v.x += width * std::floor((before->x - v.x) / width + 0.5);
     if (frame_.shift_m && !std::isnan(height_m)) v.height_m += frame_.shift_m(lon, lat);
     return v;
   }
 
   /// Adds the vertices between two that keep a segment which is straight in its own CRS within kMaxBendPosts.
-  void bend(const Xyz& a, const Xyz& b, const LineVertex& from, const LineVertex& to, int n_halvings,
-            std::vector<LineVertex>& out) {
+  void bend(const Xyz& a, const Xyz& b, const SourceVertex& from, const SourceVertex& to, int n_halvings,
+            std::vector<SourceVertex>& out) {
     if (n_halvings == 0 || n_vertices_ > kMaxLineVertices) return;
     std::array<double, 3> lon{}, lat{};
     for (std::size_t i = 0; i < 3; ++i) {
@@ -279,13 +279,13 @@ class LineCollector {
       lat[i] = (1 - t) * a.y + t * b.y;
     }
     to_globe_.transform(3, lon.data(), lat.data());
-    LineVertex middle;
+    SourceVertex middle;
     double bend_posts = 0;
     for (std::size_t i = 0; i < 3; ++i) {
       if (std::isnan(lon[i])) return;
       const double t = static_cast<double>(i + 1) / 4;
       const double z = i == 1 ? (1 - t) * a.z + t * b.z : kNoHeight;
-      const LineVertex v = place(lon[i], lat[i], z, &from);
+      const SourceVertex v = place(lon[i], lat[i], z, &from);
       bend_posts = std::max({bend_posts, std::abs(v.x - (1 - t) * from.x - t * to.x) / frame_.dx,
                              std::abs(v.y - (1 - t) * from.y - t * to.y) / frame_.dy});
       if (i == 1) middle = v;

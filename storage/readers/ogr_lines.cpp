@@ -43,7 +43,7 @@ struct Origin {
 };
 
 /// The part of a -> b within the box, by Liang and Barsky (1984): parameters, or nothing.
-std::optional<std::pair<double, double>> clip(const LineVertex& a, const LineVertex& b, const BreakLineOptions& box) {
+std::optional<std::pair<double, double>> clip(const SourceVertex& a, const SourceVertex& b, const BreakLineOptions& box) {
   double from = 0, to = 1;
   const auto side = [&](double direction, double room) {  // direction * t <= room
     if (direction == 0) return room >= 0;
@@ -62,7 +62,7 @@ std::optional<std::pair<double, double>> clip(const LineVertex& a, const LineVer
   return std::pair{from, to};
 }
 
-LineVertex between(const LineVertex& a, const LineVertex& b, double t) {
+SourceVertex between(const SourceVertex& a, const SourceVertex& b, double t) {
   if (t <= 0) return a;
   if (t >= 1) return b;
   return {std::lerp(a.x, b.x, t), std::lerp(a.y, b.y, t), std::lerp(a.height_m, b.height_m, t)};
@@ -85,7 +85,7 @@ class BreakLineReader {
 
  private:
   void add_line(const SourceLine& source, bool lakes);
-  void add_run(const SourceLine& source, const std::vector<LineVertex>& run, bool is_whole, bool lakes);
+  void add_run(const SourceLine& source, const std::vector<SourceVertex>& run, bool is_whole, bool lakes);
   void level_shores(std::size_t first_line, const std::vector<std::optional<std::size_t>>& polygons);
   void note_meetings(const std::vector<LineMeeting>& meetings);
   LatticeLine densify(const LatticeLine& piece, bool has_heights) const;
@@ -128,7 +128,7 @@ Result<void> BreakLineReader::add(const BreakLineFile& spec) {
     LatticeXy low{}, high{};
     bool first = true;
     for (const SourceLine& line : file->lines) {
-      for (const LineVertex& v : line.vertices) {
+      for (const SourceVertex& v : line.vertices) {
         const LatticeXy p{std::llround(v.x), std::llround(v.y)};
         low = first ? p : LatticeXy{std::min(low.x, p.x), std::min(low.y, p.y)};
         high = first ? p : LatticeXy{std::max(high.x, p.x), std::max(high.y, p.y)};
@@ -147,7 +147,7 @@ Result<void> BreakLineReader::add(const BreakLineFile& spec) {
 }
 
 void BreakLineReader::add_line(const SourceLine& source, bool lakes) {
-  const std::vector<LineVertex>& v = source.vertices;
+  const std::vector<SourceVertex>& v = source.vertices;
   if (v.size() == 1) {
     findings_.add("lines of one point were left out", fmt::format("feature {}", source.feature));
     is_outside_ = false;
@@ -156,7 +156,7 @@ void BreakLineReader::add_line(const SourceLine& source, bool lakes) {
   const double width = static_cast<double>(options_.lattice.width());
   const double west = static_cast<double>(options_.west_x), east = static_cast<double>(options_.east_x);
   bool is_inside = false, is_cut = false;
-  std::vector<LineVertex> run;
+  std::vector<SourceVertex> run;
   int run_turn = 0;  // whole turns by which the run was moved into the area
   const auto flush = [&] {
     if (run.empty()) return;
@@ -173,7 +173,7 @@ void BreakLineReader::add_line(const SourceLine& source, bool lakes) {
     if (v[i].x > v[i - 1].x) std::reverse(turns.begin(), turns.end());
     bool is_seen = false;
     for (const int turn : turns) {
-      LineVertex from = v[i - 1], to = v[i];
+      SourceVertex from = v[i - 1], to = v[i];
       from.x += turn * width;
       to.x += turn * width;
       const auto part = clip(from, to, options_);
@@ -197,11 +197,11 @@ void BreakLineReader::add_line(const SourceLine& source, bool lakes) {
   is_outside_ = is_outside_ && !is_inside;
 }
 
-void BreakLineReader::add_run(const SourceLine& source, const std::vector<LineVertex>& run, bool is_whole, bool lakes) {
+void BreakLineReader::add_run(const SourceLine& source, const std::vector<SourceVertex>& run, bool is_whole, bool lakes) {
   LatticeLine line;
   std::int64_t n_repeated = 0;
   bool has_heights = false;
-  for (const LineVertex& v : run) {
+  for (const SourceVertex& v : run) {
     // Clipping may leave a position an ulp outside.
     const BreakVertex p{std::clamp<std::int64_t>(std::llround(v.x), options_.west_x, options_.east_x),
                         std::clamp<std::int64_t>(std::llround(v.y), options_.south_y, options_.north_y), v.height_m};
