@@ -42,7 +42,7 @@ struct SourceVertex {
 struct SourceLine {
   std::int64_t feature = 0;            ///< OGR's feature id.
   std::optional<std::size_t> polygon;  ///< Which polygon of the file, counted from 0; none for a line.
-  std::vector<SourceVertex> vertices;    ///< At least 1. x is continuous: it may run below 0 or past the width.
+  std::vector<SourceVertex> vertices;  ///< At least 1. x is continuous: it may run below 0 or past the width.
 };
 
 struct LineFile {

@@ -43,7 +43,8 @@ struct Origin {
 };
 
 /// The part of a -> b within the box, by Liang and Barsky (1984): parameters, or nothing.
-std::optional<std::pair<double, double>> clip(const SourceVertex& a, const SourceVertex& b, const BreakLineOptions& box) {
+std::optional<std::pair<double, double>> clip(const SourceVertex& a, const SourceVertex& b,
+                                              const BreakLineOptions& box) {
   double from = 0, to = 1;
   const auto side = [&](double direction, double room) {  // direction * t <= room
     if (direction == 0) return room >= 0;
@@ -197,7 +198,8 @@ void BreakLineReader::add_line(const SourceLine& source, bool lakes) {
   is_outside_ = is_outside_ && !is_inside;
 }
 
-void BreakLineReader::add_run(const SourceLine& source, const std::vector<SourceVertex>& run, bool is_whole, bool lakes) {
+void BreakLineReader::add_run(const SourceLine& source, const std::vector<SourceVertex>& run, bool is_whole,
+                              bool lakes) {
   LatticeLine line;
   std::int64_t n_repeated = 0;
   bool has_heights = false;
