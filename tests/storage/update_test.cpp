@@ -227,6 +227,7 @@ class UpdateTest : public ::testing::Test {
 TEST_F(UpdateTest, HasTheBytesOfARebuildAfterAnyChange) {
   const char* more = std::getenv("TIND_UPDATES");
   run(more != nullptr ? std::atoi(more) : 48, 12, false, [this] { return change(); });
+  if (more != nullptr) return;
   // Both ways were gone.
   EXPECT_GT(n_repeated_, 100u);
   EXPECT_GT(n_whole_, 100u);
@@ -242,7 +243,7 @@ TEST_F(UpdateTest, HasTheBytesOfARebuildAfterAnyChange) {
 TEST_F(UpdateTest, SeesWhatChangesAtBorderLines) {
   const char* more = std::getenv("TIND_UPDATES");
   run(more != nullptr ? std::atoi(more) : 24, 12, false, [this] { return change_at_line(); });
-  EXPECT_GT(n_patched_, 20);
+  EXPECT_GE(n_patched_, more != nullptr ? 1 : 21);
 }
 
 TEST_F(UpdateTest, SeesWhatChangesAcrossLongitude180) {
