@@ -330,6 +330,8 @@ std::uint64_t StorePages::n_pages_of(std::size_t key_bytes, std::size_t value_by
 }
 
 bool StorePages::visit_all_leaves(const std::function<void(const LeafNode&)>& visit) const {
+  // One page here and there: those around it would fill memory with the whole file.
+  ::madvise(const_cast<std::uint8_t*>(view_.data()), view_.size(), MADV_RANDOM);
   const Meta meta = *newest_meta(view_);
   for (std::uint64_t number = kMetaPages; number <= meta.last_page;) {
     const ByteView page = view_.subspan(number * meta.page_bytes, meta.page_bytes);

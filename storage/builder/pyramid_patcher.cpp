@@ -23,6 +23,7 @@
 #include "storage/builder/update_reach.hpp"
 #include "storage/builder/version.hpp"
 #include "storage/content_hash.hpp"
+#include "storage/readers/resident_maps.hpp"
 #include "storage/inputs_blob.hpp"
 #include "storage/piece_blob.hpp"
 
@@ -35,6 +36,8 @@ constexpr std::size_t kMostChanged = 64;
 constexpr std::size_t kMostTiles = 512;
 // Pieces that are read and counted at a time.
 constexpr std::size_t kPiecesAtOnce = 1024;
+// Bytes of them beyond which their pages are given back: they come in faster than a ResidentLimit looks.
+constexpr std::size_t kMostBytesAtOnce = std::size_t{64} << 20;
 // Share of the work that comes before it.
 constexpr double kReadShare = 0.5;
 
@@ -392,8 +395,13 @@ class PyramidPatcher {
     if (cancelled()) return fail(ErrorKind::kInterrupted, "interrupted");
     for (const Entry& entry : entries) {
       if (auto done = count(entry); !done) return done;
+      n_unreleased_bytes_ += entry.value.size();
     }
     entries.clear();
+    if (n_unreleased_bytes_ > kMostBytesAtOnce) {
+      release_resident_maps();
+      n_unreleased_bytes_ = 0;
+    }
     return {};
   }
 
@@ -449,6 +457,7 @@ class PyramidPatcher {
   std::map<TileKey, MadeTile, TileOrder> made_;  // those that are not what they were
   std::shared_ptr<PatchedPieces> pieces_;
   std::vector<double> seconds_;  // that tiles of a level took, of all threads together
+  std::size_t n_unreleased_bytes_ = 0;
   int level_ = 0;
   std::optional<LevelCounter> counter_;  // of that level
   ContentHash hash_{ContentHash::Kind::kXxh3};
