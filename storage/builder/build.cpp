@@ -16,6 +16,7 @@
 #include "storage/builder/earlier_pyramid.hpp"
 #include "storage/builder/output_file.hpp"
 #include "storage/builder/patched_pieces.hpp"
+#include "storage/builder/plan.hpp"
 #include "storage/builder/resident_limit.hpp"
 #include "storage/builder/source_levels.hpp"
 #include "storage/builder/unfinished_output.hpp"
@@ -186,10 +187,7 @@ std::vector<TileKey> changed_tiles(const Manifest& now, const Manifest& earlier,
       }
     }
   }
-  const auto before = [](const TileKey& a, const TileKey& b) {
-    return a.level != b.level ? a.level < b.level : morton_code(a.x, a.y) < morton_code(b.x, b.y);
-  };
-  std::sort(tiles.begin(), tiles.end(), before);
+  std::sort(tiles.begin(), tiles.end(), TileOrder());
   tiles.erase(std::unique(tiles.begin(), tiles.end()), tiles.end());
   return tiles;
 }

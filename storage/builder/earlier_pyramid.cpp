@@ -3,6 +3,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cstdint>
 #include <filesystem>
 #include <system_error>
@@ -39,6 +40,11 @@ Result<EarlierPyramid> EarlierPyramid::open(const std::string& path) {
   // Read-only and shared: LMDB's map of a file.
   ResidentMap resident(const_cast<std::uint8_t*>(map.data()), map.size());
   return EarlierPyramid{std::move(*store), std::move(*snapshot), std::move(*manifest), std::move(resident)};
+}
+
+bool EarlierPyramid::has(const PieceKey& key, ByteView value) const {
+  const auto stored = snapshot.find(key);
+  return stored && std::equal(stored->begin(), stored->end(), value.begin(), value.end());
 }
 
 Result<void> EarlierPyramid::check_content(const std::string& path) const {

@@ -20,6 +20,8 @@ struct EarlierPyramid {
 
   /// kNotFound, kIo, kCorrupt, kUnsupported; the message names the file.
   static Result<EarlierPyramid> open(const std::string& path);
+  /// Whether it has the piece with this very value.
+  bool has(const PieceKey& key, ByteView value) const;
   /// Reads all pieces and compares their hash with the manifest's (format.md 9; none in files of the first builders).
   /// kCorrupt, kIo. Any thread.
   Result<void> check_content(const std::string& path) const;

@@ -11,6 +11,13 @@
 
 namespace tind {
 
+/// Storage order of tiles: by level, then by Morton code.
+struct TileOrder {
+  bool operator()(const TileKey& a, const TileKey& b) const {
+    return a.level != b.level ? a.level < b.level : morton_code(a.x, a.y) < morton_code(b.x, b.y);
+  }
+};
+
 /// Which tiles a pyramid has. Tiles of one level are in Morton order. A tile is split iff data or falloff touch it and
 /// it is not on the bottom level; the four children of a split tile are all stored, both roots always are.
 class TilePlan {

@@ -149,11 +149,8 @@ class PyramidBuilder {
 
   // Appends a piece, and notes whether the earlier pyramid has it otherwise.
   Result<void> append(const PieceKey& key, ByteView value) {
-    if (input_.earlier && key.kind != PieceKind::kInputs) {
-      const auto before = input_.earlier->snapshot.find(key);
-      if (!before || !std::equal(before->begin(), before->end(), value.begin(), value.end())) {
-        outcome_.changed.push_back(key);
-      }
+    if (input_.earlier && key.kind != PieceKind::kInputs && !input_.earlier->has(key, value)) {
+      outcome_.changed.push_back(key);
     }
     return writer_.append(key, value);
   }

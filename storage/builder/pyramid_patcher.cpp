@@ -18,14 +18,15 @@
 #include "storage/builder/earlier_tiles.hpp"
 #include "storage/builder/level_counter.hpp"
 #include "storage/builder/patched_pieces.hpp"
+#include "storage/builder/plan.hpp"
 #include "storage/builder/tile_maker.hpp"
 #include "storage/builder/tile_posts.hpp"
 #include "storage/builder/update_reach.hpp"
 #include "storage/builder/version.hpp"
 #include "storage/content_hash.hpp"
-#include "storage/readers/resident_maps.hpp"
 #include "storage/inputs_blob.hpp"
 #include "storage/piece_blob.hpp"
+#include "storage/readers/resident_maps.hpp"
 
 namespace tind {
 namespace {
@@ -47,11 +48,6 @@ struct RootOrder {
 };
 using Roots = std::set<RootEdge, RootOrder>;
 
-struct TileOrder {
-  bool operator()(const TileKey& a, const TileKey& b) const {
-    return a.level != b.level ? a.level < b.level : morton_code(a.x, a.y) < morton_code(b.x, b.y);
-  }
-};
 using Tiles = std::set<TileKey, TileOrder>;
 
 PieceKey body_of(const TileKey& tile) { return {PieceKind::kBody, tile.level, tile.x, tile.y}; }
@@ -344,11 +340,9 @@ class PyramidPatcher {
       pieces_->replace(inputs_of(tile), std::move(made.inputs));
     }
     const auto add = [&](const PieceKey& key) {
-      const auto before = earlier_.snapshot.find(key);
-      if (!before) return;
+      if (!earlier_.snapshot.find(key)) return;  // no such corner
       TileMaker::BorderPiece piece = maker_.make_border_piece(key);
-      if (std::equal(before->begin(), before->end(), piece.value.begin(), piece.value.end())) return;
-      pieces_->replace(key, std::move(piece.value));
+      if (!earlier_.has(key, piece.value)) pieces_->replace(key, std::move(piece.value));
     };
     for (const RootEdge& root : roots_) {
       for (const PieceKey& edge : reach_.edges_along(root)) add(edge);
@@ -422,11 +416,7 @@ class PyramidPatcher {
     }
     hash_.add(piece_key_bytes(key));
     hash_.add(entry.value);
-    if (!pieces_->find(key)) return {};
-    const auto before = earlier_.snapshot.find(key);
-    if (!before || !std::equal(before->begin(), before->end(), entry.value.begin(), entry.value.end())) {
-      outcome_.changed.push_back(key);
-    }
+    if (pieces_->find(key) && !earlier_.has(key, entry.value)) outcome_.changed.push_back(key);
     return {};
   }
 
