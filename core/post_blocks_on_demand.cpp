@@ -12,6 +12,7 @@
 #include "core/drainage/flow_run.hpp"
 #include "core/height_field.hpp"
 #include "core/post_blocks.hpp"
+#include "core/registers.hpp"
 
 namespace tind {
 namespace {
@@ -20,6 +21,7 @@ using Lanes = std::array<float, 8>;
 
 #define TIND_LOOPS "core/post_summary_loops.inc"
 #include "core/register_widths.inc"
+const bool kIsWide = kBestRegisters != Registers::kNarrow;
 
 // Adds `n` posts of a row.
 void add_origins(const PostOrigin* origins, std::int64_t n, PostSummary& to) {

@@ -18,14 +18,28 @@ using FourBits = std::int64_t __attribute__((vector_size(32)));
 
 StripWorst worst_in_strip(const PostStrip& strip, const WidenedRows& triangle, const PlaneOverPosts& plane,
                           double least_m, Registers registers) {
-  return kIsWide && registers == Registers::kWidest ? wide::worst_in_strip(strip, triangle, plane, least_m)
-                                                    : narrow::worst_in_strip(strip, triangle, plane, least_m);
+  switch (registers) {
+    case Registers::kMasked:
+      return masked::worst_in_strip(strip, triangle, plane, least_m);
+    case Registers::kWide:
+      return wide::worst_in_strip(strip, triangle, plane, least_m);
+    case Registers::kNarrow:
+      break;
+  }
+  return narrow::worst_in_strip(strip, triangle, plane, least_m);
 }
 
 StripErrors errors_in_strip(const PostStrip& strip, const TriangleRows& triangle, const PlaneOverPosts& plane,
                             const SquareQuantum& quantum, Registers registers) {
-  return kIsWide && registers == Registers::kWidest ? wide::errors_in_strip(strip, triangle, plane, quantum.anchor())
-                                                    : narrow::errors_in_strip(strip, triangle, plane, quantum.anchor());
+  switch (registers) {
+    case Registers::kMasked:
+      return masked::errors_in_strip(strip, triangle, plane, quantum.anchor());
+    case Registers::kWide:
+      return wide::errors_in_strip(strip, triangle, plane, quantum.anchor());
+    case Registers::kNarrow:
+      break;
+  }
+  return narrow::errors_in_strip(strip, triangle, plane, quantum.anchor());
 }
 
 }  // namespace tind

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstdint>
 
+#include "core/registers.hpp"
 #include "core/triangle_rows.hpp"
 
 namespace tind {
@@ -28,9 +29,6 @@ struct PostStrip {
   std::int64_t col = 0, n_cols = 0;  ///< Those that count: first_read <= col, col + n_cols <= first_read + kColumns.
 };
 
-/// The registers that a loop uses: all give the same bytes.
-enum class Registers { kNarrow, kWidest };
-
 /// The worst post of a triangle in a strip.
 struct StripWorst {
   double error_m = 0;
@@ -39,9 +37,9 @@ struct StripWorst {
 
 /// Of the posts of a strip in a widened triangle, borders included, the one with the largest |plane - height| above
 /// `least_m`; of equal ones the southern, then the western one. Precondition: the strip's rows are among the widened
-/// triangle's. Thread safe.
+/// triangle's; the processor has the registers. Thread safe.
 StripWorst worst_in_strip(const PostStrip& strip, const WidenedRows& triangle, const PlaneOverPosts& plane,
-                          double least_m, Registers registers = Registers::kWidest);
+                          double least_m, Registers registers = kBestRegisters);
 
 /// A whole number of quanta: sums of as many posts as there are.
 __extension__ using Quanta = unsigned __int128;
@@ -87,6 +85,6 @@ struct StripErrors {
   std::uint64_t n = 0;
 };
 StripErrors errors_in_strip(const PostStrip& strip, const TriangleRows& triangle, const PlaneOverPosts& plane,
-                            const SquareQuantum& quantum, Registers registers = Registers::kWidest);
+                            const SquareQuantum& quantum, Registers registers = kBestRegisters);
 
 }  // namespace tind

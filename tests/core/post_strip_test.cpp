@@ -13,6 +13,9 @@ namespace {
 
 constexpr std::int64_t kRows = 40, kCols = 31;
 
+// One after the other those that this processor has.
+Registers some_registers(int k) { return static_cast<Registers>(k % (static_cast<int>(kBestRegisters) + 1)); }
+
 // Posts of a window, a triangle over them and a plane, all by chance; some heights are alike, so that errors tie.
 class StripTest : public ::testing::Test {
  protected:
@@ -137,7 +140,7 @@ TEST_F(StripTest, WorstIsThatOfAPlainLoop) {
     const double above = k % 2 ? 0 : least(random_);
     const Reach reach = k % 3 == 0 ? Reach{} : k % 3 == 1 ? Reach{1e-9, 1e-9} : Reach{least(random_) / 40, 0.3};
     const StripWorst expected = worst_one_by_one(reach, above);
-    const Registers registers = k % 5 ? Registers::kWidest : Registers::kNarrow;
+    const Registers registers = some_registers(k);
     const StripWorst found = worst_in_strip(strip_, WidenedRows(TriangleRows(u_, v_), reach), plane_, above, registers);
     ASSERT_EQ(found.c, expected.c) << k;
     (expected.c < 0 ? n_none : n_found) += 1;
@@ -169,13 +172,10 @@ TEST_F(StripTest, ErrorsAreThoseOfAPlainLoop) {
   std::uint64_t n = 0;
   for (int k = 0; k < 200'000; ++k, next()) {
     const StripErrors expected = errors_one_by_one();
-    const StripErrors found = errors_in_strip(strip_, TriangleRows(u_, v_), plane_, quantum_);
+    const StripErrors found = errors_in_strip(strip_, TriangleRows(u_, v_), plane_, quantum_, some_registers(k));
     ASSERT_EQ(found.n, expected.n) << k;
     ASSERT_EQ(found.largest_m, expected.largest_m) << k;
     ASSERT_EQ(found.n_quanta, expected.n_quanta) << k;  // exact sums, so their order does not matter
-    ASSERT_EQ(errors_in_strip(strip_, TriangleRows(u_, v_), plane_, quantum_, Registers::kNarrow).n_quanta,
-              found.n_quanta)
-        << k;
     n += found.n;
   }
   EXPECT_GT(n, 500'000u);
