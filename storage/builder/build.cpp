@@ -312,12 +312,12 @@ class Build {
   Result<void> load_posts() {
     limit_maps(kMapsWhileReading, ResidentLimit::kFullSpeed);
     // An update looks at few blocks of posts.
-    const double on_demand_bytes =
+    const double in_memory_bytes =
         options_.earlier.empty() ? 0 : kPostsAsArrays * static_cast<double>(options_.memory_bytes);
     if (auto loaded = source_->load(
             lattice_, options_.base_height_m, options_.falloff_posts, scratch_dir_, report_.threads,
             [this](double fraction) { progress_.update_stage(kReadShare * fraction, "reading", fraction); },
-            options_.cancel, static_cast<std::uint64_t>(on_demand_bytes));
+            options_.cancel, static_cast<std::uint64_t>(in_memory_bytes));
         !loaded) {
       return loaded;
     }

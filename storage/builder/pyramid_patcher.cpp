@@ -129,6 +129,7 @@ class PyramidPatcher {
       }
     }
     made = make(again.back());
+    interiors_.clear();
     if (made && *made) collect();
     return made;
   }
@@ -223,44 +224,45 @@ class PyramidPatcher {
     return earlier_.snapshot.find(body_of(tile)).value_or(ByteView());
   }
 
-  // Refines stretches, and puts them in the place of what was.
-  Result<void> refine(const Roots& roots) {
-    struct Group {
-      std::vector<RootEdge> roots;
-      ByteView parent;  // whose interior is decoded once
-      Result<std::vector<std::vector<LineVertex>>> lines;
+  // Decodes the interiors of tiles that are not decoded yet: several tiles and stretches need the same one.
+  Result<void> decode_interiors(const Tiles& tiles) {
+    struct Job {
+      TileKey tile;
+      Result<std::vector<LocalVertex>> interior;
     };
-    std::map<TileKey, Group, TileOrder> by_parent;
-    std::vector<Group> groups;
-    for (const RootEdge& root : roots) {
-      if (root.level == 0) {
-        groups.push_back({{root}, {}, {}});
-      } else {
-        by_parent[parent_of(field_.lattice, root)].roots.push_back(root);
-      }
+    std::vector<Job> jobs;
+    for (const TileKey& tile : tiles) {
+      if (!interiors_.contains(tile)) jobs.push_back({tile, {}});
     }
-    for (auto& [parent, group] : by_parent) {
-      group.parent = body(parent);
-      groups.push_back(std::move(group));
-    }
-    for_each_job(run(), static_cast<std::int64_t>(groups.size()), [&](int, std::int64_t job) {
-      Group& group = groups[static_cast<std::size_t>(job)];
-      std::vector<LocalVertex> interior;
-      if (group.roots.front().level > 0) {
-        auto decoded = decode_interior(group.parent);
-        if (!decoded) {
-          group.lines = tl::unexpected(decoded.error());
-          return;
-        }
-        interior = std::move(*decoded);
-      }
-      for (const RootEdge& root : group.roots) group.lines->push_back(maker_.refine(root, interior));
+    for_each_job(run(), static_cast<std::int64_t>(jobs.size()), [&](int, std::int64_t k) {
+      Job& job = jobs[static_cast<std::size_t>(k)];
+      job.interior = decode_interior(body(job.tile));
     });
     if (cancelled()) return fail(ErrorKind::kInterrupted, "interrupted");
-    for (Group& group : groups) {
-      if (!group.lines) return tl::unexpected(group.lines.error());
-      for (std::size_t k = 0; k < group.roots.size(); ++k) borders_.add(group.roots[k], std::move((*group.lines)[k]));
+    for (Job& job : jobs) {
+      if (!job.interior) return tl::unexpected(job.interior.error());
+      interiors_.emplace(job.tile, std::move(*job.interior));
     }
+    return {};
+  }
+
+  // Refines stretches, and puts them in the place of what was.
+  Result<void> refine(const Roots& roots) {
+    Tiles parents;
+    for (const RootEdge& root : roots) {
+      if (root.level > 0) parents.insert(parent_of(field_.lattice, root));
+    }
+    if (auto decoded = decode_interiors(parents); !decoded) return decoded;
+    const std::vector<RootEdge> jobs(roots.begin(), roots.end());
+    std::vector<std::vector<LineVertex>> lines(jobs.size());
+    for_each_job(run(), static_cast<std::int64_t>(jobs.size()), [&](int, std::int64_t job) {
+      const auto k = static_cast<std::size_t>(job);
+      const RootEdge& root = jobs[k];
+      static const std::vector<LocalVertex> kNone;
+      lines[k] = maker_.refine(root, root.level == 0 ? kNone : interiors_.at(parent_of(field_.lattice, root)));
+    });
+    if (cancelled()) return fail(ErrorKind::kInterrupted, "interrupted");
+    for (std::size_t k = 0; k < jobs.size(); ++k) borders_.add(jobs[k], std::move(lines[k]));
     return {};
   }
 
@@ -275,19 +277,20 @@ class PyramidPatcher {
       }
     }
     if (auto refined = refine(missing); !refined) return tl::unexpected(refined.error());
+    Tiles parents;
+    for (const TileKey& tile : tiles) {
+      if (tile.level > 0) parents.insert(tile.parent());
+    }
+    if (auto decoded = decode_interiors(parents); !decoded) return tl::unexpected(decoded.error());
     struct Job {
       TileKey tile;
-      ByteView parent;
       StoredTile earlier;
       Result<MadeTile> made;
       double seconds = 0;
     };
     std::vector<Job> jobs;
     for (const TileKey& tile : tiles) {
-      Job job{tile,
-              tile.level > 0 ? body(tile.parent()) : ByteView(),
-              earlier_tiles_.find(tile).value_or(StoredTile()),
-              {}};
+      Job job{tile, earlier_tiles_.find(tile).value_or(StoredTile()), {}};
       std::copy_if(changed_.begin(), changed_.end(), std::back_inserter(job.earlier.changed),
                    [&](const TileKey& bottom) { return is_below(bottom, tile); });
       jobs.push_back(std::move(job));
@@ -298,15 +301,8 @@ class PyramidPatcher {
     for_each_job(run(), static_cast<std::int64_t>(jobs.size()), [&](int, std::int64_t k) {
       Job& job = jobs[static_cast<std::size_t>(k)];
       const auto start = std::chrono::steady_clock::now();
-      std::vector<LocalVertex> inherited;
-      if (job.tile.level > 0) {
-        auto decoded = decode_interior(job.parent);
-        if (!decoded) {
-          job.made = tl::unexpected(decoded.error());
-          return;
-        }
-        inherited = std::move(*decoded);
-      }
+      static const std::vector<LocalVertex> kNone;
+      const auto& inherited = job.tile.level == 0 ? kNone : interiors_.at(job.tile.parent());
       job.made = maker_.make(job.tile, inherited, job.earlier);
       job.seconds = seconds_since(start);
     });
@@ -315,6 +311,7 @@ class PyramidPatcher {
       if (!job.made) return tl::unexpected(job.made.error());
       seconds_[job.tile.level] += job.seconds;
       made_.erase(job.tile);
+      interiors_.erase(job.tile);
       if (job.made->figures.built) made_.emplace(job.tile, std::move(*job.made));
     }
     return true;
@@ -444,7 +441,8 @@ class PyramidPatcher {
   std::vector<TileKey> changed_;  // bottom tiles that have all posts that changed
   Roots roots_;                   // stretches that may have changed
   Tiles looked_at_;
-  std::map<TileKey, MadeTile, TileOrder> made_;  // those that are not what they were
+  std::map<TileKey, MadeTile, TileOrder> made_;                       // those that are not what they were
+  std::map<TileKey, std::vector<LocalVertex>, TileOrder> interiors_;  // of bodies as they are known
   std::shared_ptr<PatchedPieces> pieces_;
   std::vector<double> seconds_;  // that tiles of a level took, of all threads together
   std::size_t n_unreleased_bytes_ = 0;

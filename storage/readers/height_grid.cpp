@@ -84,7 +84,7 @@ Result<std::int64_t> HeightGrid::Impl::lay_out(const RasterMosaic& mosaic, const
   frame.open_south = rim_south > 0;
   frame.open_north = rim_north > 0;
 
-  auto made = PostArrays::create(options.scratch_dir, grid.n_rows, grid.n_cols);
+  auto made = PostArrays::create(options.scratch_dir, grid.n_rows, grid.n_cols, options.in_memory_bytes);
   if (!made) return tl::unexpected(made.error());
   arrays = std::move(*made);
   const bool wraps = grid.wraps;
@@ -229,7 +229,7 @@ Result<HeightGrid> HeightGrid::load(const RasterMosaic& mosaic, const Lattice& l
   field.continues_north = north_gap <= field.dy * (1 + 1e-9);
   if (field.continues_south) field.south_pole_m = impl.settle_pole(0, field.y0 <= 0.5);
   if (field.continues_north) field.north_pole_m = impl.settle_pole(field.n_rows - 1, north_gap <= 0.5);
-  impl.arrays.build_blocks(field, options.threads, options.cancel, options.on_demand_bytes);
+  impl.arrays.build_blocks(field, options.threads, options.cancel);
   if (is_set(options.cancel)) return interrupted();
   if (progress) progress(1.0);
   return result;

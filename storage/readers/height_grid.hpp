@@ -19,8 +19,9 @@ struct HeightGridOptions {
   int falloff_posts = 64;   ///< Distance over which the surface falls from the nearest values to the base height; >= 1.
   std::string scratch_dir;  ///< Where the unlinked scratch file of the grid lives (same file system as the output).
   int threads = 1;          ///< >= 1; the result does not depend on it.
-  /// Posts of up to so many bytes, blocks included, get blocks on demand: for who looks at few of them.
-  std::uint64_t on_demand_bytes = 0;
+  /// Posts of up to so many bytes, blocks included, are held in memory and get blocks on demand: for who looks at few
+  /// of them.
+  std::uint64_t in_memory_bytes = 0;
   CancelFlag cancel = nullptr;  ///< Set: load() stops within a second.
 };
 

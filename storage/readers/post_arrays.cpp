@@ -118,12 +118,14 @@ tl::unexpected<Error> cannot_write(int error) {
 
 }  // namespace
 
-Result<PostArrays> PostArrays::create(const std::string& folder, std::int64_t n_rows, std::int64_t n_cols) {
+Result<PostArrays> PostArrays::create(const std::string& folder, std::int64_t n_rows, std::int64_t n_cols,
+                                      std::uint64_t in_memory_bytes) {
   const auto n_posts = static_cast<std::uint64_t>(n_rows) * static_cast<std::uint64_t>(n_cols);
-  const std::uint64_t n_block_bytes = PostBlocks::n_bytes(n_rows, n_cols);
-  auto map = ScratchMap::create(folder, n_post_bytes(n_rows, n_cols));
+  const std::uint64_t n_bytes = n_post_bytes(n_rows, n_cols), n_block_bytes = PostBlocks::n_bytes(n_rows, n_cols);
+  const bool in_memory = n_bytes + n_block_bytes <= in_memory_bytes;
+  auto map = in_memory ? ScratchMap::in_memory(n_bytes, true) : ScratchMap::create(folder, n_bytes);
   if (!map) return tl::unexpected(map.error());
-  auto block_map = ScratchMap::create(folder, n_block_bytes);
+  auto block_map = in_memory ? ScratchMap::in_memory(n_block_bytes, false) : ScratchMap::create(folder, n_block_bytes);
   if (!block_map) return tl::unexpected(block_map.error());
   PostArrays result;
   result.map_ = std::move(*map);
@@ -156,8 +158,11 @@ Result<void> PostArrays::take(std::int64_t at, std::span<const float> heights_m,
       next = next_post(origins.data(), end, n);
     }
     const auto first = static_cast<std::uint64_t>(at + begin), count = static_cast<std::uint64_t>(end - begin);
-    if (!map_.file().write(first * sizeof(float), heights_m.data() + begin, count * sizeof(float)) ||
-        !map_.file().write(n_posts * sizeof(float) + first, origins.data() + begin, count)) {
+    if (!map_.is_file()) {
+      std::copy_n(heights_m.data() + begin, count, heights_m_ + first);
+      std::copy_n(origins.data() + begin, count, origins_ + first);
+    } else if (!map_.file().write(first * sizeof(float), heights_m.data() + begin, count * sizeof(float)) ||
+               !map_.file().write(n_posts * sizeof(float) + first, origins.data() + begin, count)) {
       return cannot_write(errno);
     }
     begin = next;
@@ -165,19 +170,18 @@ Result<void> PostArrays::take(std::int64_t at, std::span<const float> heights_m,
   return {};
 }
 
-void PostArrays::build_blocks(HeightField& field, int threads, CancelFlag cancel, std::uint64_t on_demand_bytes) {
+void PostArrays::build_blocks(HeightField& field, int threads, CancelFlag cancel) {
   // Whoever reads arrays so small may keep them, and dropping pages to fault them in again takes time.
   constexpr std::uint64_t kMostKept = std::uint64_t{160} << 20;
   const auto release = n_bytes(field) > kMostKept ? release_pages_around : nullptr;
-  blocks_ = n_bytes(field) <= on_demand_bytes ? PostBlocks::on_demand(field, block_memory_, threads, cancel)
-                                              : PostBlocks::build(field, block_memory_, threads, cancel, release);
+  blocks_ = !map_.is_file() ? PostBlocks::on_demand(field, block_memory_, threads, cancel)
+                            : PostBlocks::build(field, block_memory_, threads, cancel, release);
   if (!is_set(cancel)) field.blocks = &blocks_;
 }
 
 Result<void> PostArrays::turn_into_pages(HeightField& field, const std::string& folder, std::size_t held_bytes,
                                          int threads, CancelFlag cancel) {
   static_assert(PostPage::kSide == PostBlocks::kSide << (PostBlockPage::kLevels - 1), "pages of one grid");
-  if (blocks_.is_on_demand()) build_blocks(field, threads, cancel);
   auto file = ScratchFile::create(folder), block_file = ScratchFile::create(folder);
   if (!file || !block_file) return tl::unexpected(!file ? file.error() : block_file.error());
   // A page of blocks is smaller than one of posts.

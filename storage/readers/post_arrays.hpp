@@ -17,12 +17,15 @@
 
 namespace tind {
 
-/// The posts behind a height field's grid, in scratch files: heights, origins, and room for their blocks. All zero
-/// (that is, voids) at first; arrays while they are made, pages once they are looked at here and there.
+/// The posts behind a height field's grid, in scratch files or, few ones, in memory: heights, origins, and room for
+/// their blocks. All zero (that is, voids) at first; arrays while they are made, pages once they are looked at here and
+/// there.
 class PostArrays {
  public:
-  /// As ScratchMap::create. Preconditions: n_rows, n_cols >= 1.
-  static Result<PostArrays> create(const std::string& folder, std::int64_t n_rows, std::int64_t n_cols);
+  /// Arrays of up to `in_memory_bytes`, blocks included, are in memory, where blocks are made on demand. As
+  /// ScratchMap::create and in_memory. Preconditions: n_rows, n_cols >= 1.
+  static Result<PostArrays> create(const std::string& folder, std::int64_t n_rows, std::int64_t n_cols,
+                                   std::uint64_t in_memory_bytes = 0);
   PostArrays() = default;
   /// Bytes of the arrays behind such a field, blocks included.
   static std::uint64_t n_bytes(const HeightField& field) {
@@ -38,13 +41,12 @@ class PostArrays {
   /// posts. kIo: the scratch file cannot be written. Precondition: as many origins as heights; voids have height 0.
   Result<void> take(std::int64_t at, std::span<const float> heights_m, std::span<const PostOrigin> origins);
   /// Builds the blocks of the attached field's posts and points it at them; valid as long as this object, which must
-  /// not move any more. When `cancel` is set it ends early and the field gets none. Of arrays of up to
-  /// `on_demand_bytes` the blocks are made on demand.
-  void build_blocks(HeightField& field, int threads, CancelFlag cancel, std::uint64_t on_demand_bytes = 0);
+  /// not move any more. When `cancel` is set it ends early and the field gets none.
+  void build_blocks(HeightField& field, int threads, CancelFlag cancel);
   /// Moves the posts of the attached field and their blocks, which are built, into pages; the arrays are gone then. A
   /// thread holds up to `held_bytes` of pages. Valid as long as this object. kIo: no disk space (1.2 bytes a post more
   /// than before; all of it once more where the file system cannot free parts of a file). kInterrupted: neither arrays
-  /// nor pages are left.
+  /// nor pages are left. Precondition: the arrays are in files.
   Result<void> turn_into_pages(HeightField& field, const std::string& folder, std::size_t held_bytes, int threads,
                                CancelFlag cancel);
 

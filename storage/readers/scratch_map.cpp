@@ -30,6 +30,16 @@ Result<ScratchMap> ScratchMap::create(const std::string& folder, std::uint64_t n
   return ScratchMap(address, n_bytes, std::move(*file));
 }
 
+Result<ScratchMap> ScratchMap::in_memory(std::uint64_t n_bytes, bool huge_pages) {
+  void* address = ::mmap(nullptr, n_bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+  if (address == MAP_FAILED) {
+    return fail(ErrorKind::kIo, fmt::format("no memory for {} MB of posts: {}; give less with --memory",
+                                            (n_bytes >> 20) + 1, std::strerror(errno)));
+  }
+  if (huge_pages) ::madvise(address, n_bytes, MADV_HUGEPAGE);  // or small ones, where there are none
+  return ScratchMap(address, n_bytes);
+}
+
 ScratchMap::~ScratchMap() {
   resident_ = ResidentMap();
   if (address_ != nullptr) ::munmap(address_, n_bytes_);

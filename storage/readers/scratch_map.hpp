@@ -11,14 +11,17 @@
 
 namespace tind {
 
-/// Memory map of an unlinked file whose disk space was reserved first, so that a full disk is an error message and
-/// never a SIGBUS. Zero bytes at first. Its pages may be dropped from the process's memory at any time
-/// (storage/readers/resident_maps.hpp); what was written stays.
+/// Room for more bytes than one wants on the heap, zero at first: the memory map of an unlinked file whose disk space
+/// was reserved first, so that a full disk is an error message and never a SIGBUS, or memory. A file's pages may be
+/// dropped from the process's memory at any time (storage/readers/resident_maps.hpp); what was written stays.
 class ScratchMap {
  public:
   /// `folder`: where the file lives while it has a name; empty: the current one. `n_bytes` > 0. kIo: no such folder, no
   /// permission, no space.
   static Result<ScratchMap> create(const std::string& folder, std::uint64_t n_bytes);
+  /// No file, so nothing can be dropped: pages cost a third, huge ones (of 2 MiB) less, which memory that is written
+  /// all over should ask for. kIo: no memory.
+  static Result<ScratchMap> in_memory(std::uint64_t n_bytes, bool huge_pages);
   ScratchMap() = default;
   ScratchMap(ScratchMap&& other) noexcept
       : address_(std::exchange(other.address_, nullptr)),
@@ -34,11 +37,13 @@ class ScratchMap {
   }
   ~ScratchMap();
   void* data() const { return address_; }
-  /// The file behind the map: the same bytes, for what is read or written once, in long stretches, without bringing
-  /// pages into this process's memory.
+  bool is_file() const { return file_.descriptor() >= 0; }
+  /// The file behind the map, if it is one: the same bytes, for what is read or written once, in long stretches,
+  /// without bringing pages into this process's memory.
   ScratchFile& file() { return file_; }
 
  private:
+  ScratchMap(void* address, std::uint64_t n_bytes) : address_(address), n_bytes_(n_bytes) {}
   ScratchMap(void* address, std::uint64_t n_bytes, ScratchFile file)
       : address_(address), n_bytes_(n_bytes), file_(std::move(file)), resident_(address, n_bytes) {}
 

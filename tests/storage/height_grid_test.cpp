@@ -153,7 +153,7 @@ TEST_F(HeightGridTest, BlocksAreThoseOfTheFinishedPosts) {
   EXPECT_FALSE(has_own_blocks(stale));
 }
 
-TEST_F(HeightGridTest, BlocksOnDemandAreThoseOfTheFinishedPostsAndOfPages) {
+TEST_F(HeightGridTest, PostsInMemoryAndInPagesAndTheirBlocksAreThoseOfFiles) {
   const auto path = write_grid("a.asc", 10, 45, 0.05, 130, 300, [](int r, int c) {
     return r > 4 && r < 8 && c > 9 && c < 20 ? std::string("-9999") : number(7 * r % 31 + 3 * c);
   });
@@ -166,15 +166,19 @@ TEST_F(HeightGridTest, BlocksOnDemandAreThoseOfTheFinishedPostsAndOfPages) {
   ASSERT_TRUE(plain) << plain.error().message;
   EXPECT_FALSE(plain->field().blocks->is_on_demand());
   const std::uint64_t n_bytes = PostArrays::n_bytes(plain->field());
-  for (const std::uint64_t on_demand_bytes : {n_bytes - 1, n_bytes}) {
-    auto grid = HeightGrid::load(*mosaic, lattice, {-5, 10, folder_.string(), 2, on_demand_bytes}, {});
+  for (const std::uint64_t in_memory_bytes : {n_bytes - 1, n_bytes}) {
+    auto grid = HeightGrid::load(*mosaic, lattice, {-5, 10, folder_.string(), 2, in_memory_bytes}, {});
     ASSERT_TRUE(grid) << grid.error().message;
-    EXPECT_EQ(grid->field().blocks->is_on_demand(), on_demand_bytes == n_bytes);
+    EXPECT_EQ(grid->field().blocks->is_on_demand(), in_memory_bytes == n_bytes);
+    const auto n_posts = static_cast<std::size_t>(plain->field().n_rows * plain->field().n_cols);
+    ASSERT_EQ(std::memcmp(grid->field().heights_m, plain->field().heights_m, n_posts * sizeof(float)), 0);
+    ASSERT_EQ(std::memcmp(grid->field().origins, plain->field().origins, n_posts * sizeof(PostOrigin)), 0);
     grid->field().blocks->block(0, 3, 5);
     auto moved = std::move(*grid);
-    ASSERT_TRUE(moved.turn_into_pages(folder_.string(), 1 << 20, 2, nullptr));
+    if (in_memory_bytes < n_bytes) {
+      ASSERT_TRUE(moved.turn_into_pages(folder_.string(), 1 << 20, 2, nullptr));
+    }
     const PostBlocks &paged = *moved.field().blocks, &expected = *plain->field().blocks;
-    EXPECT_FALSE(paged.is_on_demand());
     for (int level = 0; level < expected.n_levels(); ++level) {
       for (std::int64_t i = 0; i < expected.n_block_rows(level); ++i) {
         for (std::int64_t j = 0; j < expected.n_block_cols(level); ++j) {
