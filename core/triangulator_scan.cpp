@@ -6,6 +6,7 @@
 #include <limits>
 
 #include "core/format/quantized_mesh.hpp"
+#include "core/registers.hpp"
 
 namespace tind {
 namespace {
@@ -19,15 +20,6 @@ struct PostAt {
     return window == &w && (row < r || (row == r && col < c));
   }
 };
-
-// Compiled for wide registers, too, and chosen when the program starts. No operation is fused, so the bytes do not
-// depend on the choice.
-#if defined(__x86_64__) && defined(__gnu_linux__) && !defined(__clang__) && !defined(__SANITIZE_THREAD__) && \
-    !defined(__SANITIZE_ADDRESS__)
-#define TIND_WIDE __attribute__((target_clones("avx2", "default")))
-#else
-#define TIND_WIDE
-#endif
 
 // The largest |z + per_col * c - heights[c - c_first]| of c_first, c_first + 1, ...: of the n_fours * 4 posts from
 // there on.

@@ -2,11 +2,13 @@
 #include <algorithm>
 #include <array>
 #include <atomic>
+#include <cstring>
 #include <limits>
 #include <vector>
 
 #include "core/drainage/block_schedule.hpp"
 #include "core/drainage/flow.hpp"
+#include "core/registers.hpp"
 
 namespace tind {
 namespace {
@@ -43,8 +45,8 @@ std::uint8_t steepest(const FlowGrid& g, const float* filled_m, std::int64_t r, 
 }
 
 /// As steepest for kChunk posts from `filled` on, all of whose neighbours are on the grid and take part.
-void steepest_of_chunk(const float* filled, std::int64_t n_cols, const std::array<double, 8>& per_metre,
-                       std::uint8_t* best) {
+TIND_WIDE_OR_MASKED void steepest_of_chunk(const float* filled, std::int64_t n_cols,
+                                           const std::array<double, 8>& per_metre, std::uint8_t* best) {
   std::array<double, kChunk> slope{}, direction;
   direction.fill(kNoFlow);
   for (const int d : kTieOrder) {
@@ -70,6 +72,12 @@ bool all_take_part(const FlowGrid& g, const float* filled_m, std::int64_t r, std
   return !outside;
 }
 
+/// The first index in [begin, end) whose direction is kNoFlow, else `end`.
+std::int64_t next_without_flow(const std::uint8_t* directions, std::int64_t begin, std::int64_t end) {
+  const void* const found = std::memchr(directions + begin, kNoFlow, static_cast<std::size_t>(end - begin));
+  return found == nullptr ? end : static_cast<const std::uint8_t*>(found) - directions;
+}
+
 /// Directs the posts of a row that have a lower neighbour, marks those of flats. Returns the number of these.
 std::int64_t direct_row(const FlowGrid& g, const float* filled_m, std::int64_t r, std::uint8_t* directions) {
   const std::array<double, 8> per_metre = reciprocal_steps(g, r);
@@ -84,13 +92,16 @@ std::int64_t direct_row(const FlowGrid& g, const float* filled_m, std::int64_t r
       directions[row + c] = filled_m[row + c] == kOutside ? kNoFlow : steepest(g, filled_m, r, c, per_metre);
     }
   }
+  const std::int64_t end = row + g.n_cols;
+  for (std::int64_t i = row; i < end; ++i) g.marks[i] &= static_cast<std::uint8_t>(~kInFlat);
+  for (std::int64_t i = next_marked(g.marks, row, end, kSea); i < end; i = next_marked(g.marks, i + 1, end, kSea)) {
+    if (g.marks[i] & kInside) directions[i] = kLeaves;
+  }
   std::int64_t n_flat = 0;
-  for (std::int64_t i = row; i < row + g.n_cols; ++i) {
-    g.marks[i] &= static_cast<std::uint8_t>(~kInFlat);
+  for (std::int64_t i = next_without_flow(directions, row, end); i < end;
+       i = next_without_flow(directions, i + 1, end)) {
     const std::uint8_t mark = g.marks[i];
     if (!(mark & kInside)) continue;
-    if (mark & kSea) directions[i] = kLeaves;
-    if (directions[i] != kNoFlow) continue;
     if (mark & kOutlet) {
       directions[i] = kLeaves;
     } else {

@@ -6,6 +6,8 @@
 #include <limits>
 #include <utility>
 
+#include "core/registers.hpp"
+
 namespace tind {
 namespace {
 
@@ -115,18 +117,33 @@ bool may_be_lake(const FlowGrid& g, std::int64_t i, float sea_level_m) {
   return mark == kInside || (mark == (kInside | kSea) && g.heights_m[i] == sea_level_m);
 }
 
+/// Of posts [0, n): whether the eight neighbours have the post's height. Most chunks are told by the first two.
+TIND_WIDE_OR_MASKED void mark_level(const float* heights, std::int64_t n_cols, std::int64_t n, std::uint8_t* level) {
+  constexpr std::int64_t kChunk = 64;
+  for (std::int64_t begin = 0; begin < n; begin += kChunk) {
+    const std::int64_t end = begin + kChunk < n ? begin + kChunk : n;
+    for (std::int64_t c = begin; c < end; ++c) {
+      level[c] = (heights[c - 1] == heights[c]) & (heights[c + 1] == heights[c]) ? 1 : 0;
+    }
+    for (const std::int64_t step : {n_cols, -n_cols}) {
+      std::uint8_t any = 0;
+      for (std::int64_t c = begin; c < end; ++c) any = static_cast<std::uint8_t>(any | level[c]);
+      if (any == 0) break;
+      const float* const beside = heights + step;
+      for (std::int64_t c = begin; c < end; ++c) {
+        const bool equal = (beside[c - 1] == heights[c]) & (beside[c] == heights[c]) & (beside[c + 1] == heights[c]);
+        level[c] = static_cast<std::uint8_t>(level[c] & (equal ? 1 : 0));
+      }
+    }
+  }
+}
+
 /// Sets kCore in a row: posts whose eight neighbours may be of a lake, as they may, and have their height.
 void mark_cores(const FlowGrid& g, std::int64_t r, float sea_level_m, std::vector<std::uint8_t>& core) {
   if (r == 0 || r + 1 == g.n_rows || g.n_cols < 3) return;
   const float* const heights = g.heights_m + r * g.n_cols;
-  std::fill(core.begin(), core.end(), std::uint8_t{1});
-  for (std::size_t k = 0; k < 8; ++k) {
-    const float* const beside = heights + kStepRows[k] * g.n_cols + kStepCols[k];
-    for (std::int64_t c = 1; c + 1 < g.n_cols; ++c) {
-      const std::uint8_t equal = beside[c] == heights[c] ? 1 : 0;
-      core[static_cast<std::size_t>(c)] = static_cast<std::uint8_t>(core[static_cast<std::size_t>(c)] & equal);
-    }
-  }
+  core.front() = core.back() = 1;  // what lies beside them is looked at below
+  mark_level(heights + 1, g.n_cols, g.n_cols - 2, core.data() + 1);
   const std::int64_t row = r * g.n_cols;
   const auto all_may = [&](std::int64_t c) {
     for (int d = 0; d < 8; ++d) {

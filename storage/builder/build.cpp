@@ -40,6 +40,8 @@ constexpr std::uint64_t kTileBytesPerMs = std::uint64_t{6} << 20;
 // Posts and their blocks stay arrays up to such a share of it: pages are not needed to bound memory then, and cost a
 // twentieth of the build.
 constexpr double kPostsAsArrays = 0.3;
+// Share of it that the arrays of flow may take beside posts in memory.
+constexpr double kFlowInMemory = 0.55;
 // Share of it that pages of posts take, of all threads together.
 constexpr double kPagesOfPosts = 0.2;
 
@@ -309,15 +311,19 @@ class Build {
     return {};
   }
 
+  // An update looks at posts once and at few of their blocks, and is soon over: it takes memory where there is some,
+  // not files whose pages come and go.
+  std::uint64_t in_memory_bytes(double share) const {
+    return options_.earlier.empty() ? 0
+                                    : static_cast<std::uint64_t>(share * static_cast<double>(options_.memory_bytes));
+  }
+
   Result<void> load_posts() {
     limit_maps(kMapsWhileReading, ResidentLimit::kFullSpeed);
-    // An update looks at few blocks of posts.
-    const double in_memory_bytes =
-        options_.earlier.empty() ? 0 : kPostsAsArrays * static_cast<double>(options_.memory_bytes);
     if (auto loaded = source_->load(
             lattice_, options_.base_height_m, options_.falloff_posts, scratch_dir_, report_.threads,
             [this](double fraction) { progress_.update_stage(kReadShare * fraction, "reading", fraction); },
-            options_.cancel, static_cast<std::uint64_t>(in_memory_bytes));
+            options_.cancel, in_memory_bytes(kPostsAsArrays));
         !loaded) {
       return loaded;
     }
@@ -330,7 +336,8 @@ class Build {
   Result<void> make_lines() {
     const auto start = std::chrono::steady_clock::now();
     auto lines = make_surface_lines(
-        source_->field(), table_, options_.lines, scratch_dir_, report_.threads, options_.cancel,
+        source_->field(), table_, options_.lines, {scratch_dir_, in_memory_bytes(kFlowInMemory)}, report_.threads,
+        options_.cancel,
         [this](double fraction) { progress_.update_stage(kReadShare + kLineShare * fraction, "drainage", fraction); },
         [this] { limit_->enforce(); });
     if (!lines) return tl::unexpected(lines.error());

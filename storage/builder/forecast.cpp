@@ -118,7 +118,7 @@ class Forecaster {
     HeightField field = source_.field();
     out_.whole_source_read = true;
     const double before_lines = process_seconds();
-    auto lines = make_surface_lines(field, table_, line_options(), scratch_dir_, out_.threads);
+    auto lines = make_surface_lines(field, table_, line_options(), {scratch_dir_}, out_.threads);
     if (!lines) return tl::unexpected(lines.error());
     out_.line_seconds = options_.lines.drainage ? process_seconds() - before_lines : 0;
     field.pinned = lines->pyramid.pinned();
@@ -264,7 +264,7 @@ class Forecaster {
       if (done.error) return done;
       HeightField field = job.window->field();
       const double before = thread_seconds();
-      auto drawn = make_surface_lines(field, table_, lines, scratch_dir_, 1);
+      auto drawn = make_surface_lines(field, table_, lines, {scratch_dir_}, 1);
       if (!drawn) {
         done.error = drawn.error();
         return done;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
+#include <atomic>
 #include <condition_variable>
 #include <cstdint>
 #include <mutex>
@@ -35,8 +36,8 @@ class ResidentLimit {
   /// Ends the thread.
   ~ResidentLimit();
 
-  /// Drops maps at once if the limit is reached: for threads that are about to bring in many pages. Thread safe; costs
-  /// some microseconds.
+  /// Drops maps at once if the limit is reached: for threads that are about to bring in many pages. Looks no sooner
+  /// than the room that was left at the last look can be full, so it may be called as often as one likes. Thread safe.
   void enforce();
 
   /// How often maps were dropped so far.
@@ -50,6 +51,7 @@ class ResidentLimit {
   std::mutex release_mutex_;
   std::uint64_t threshold_;                       // where maps are dropped next
   std::uint64_t least_other_bytes_ = UINT64_MAX;  // file pages that were left after a release, at least
+  std::atomic<std::int64_t> next_look_ns_{0};     // of steady_clock, for those who call enforce()
   mutable std::mutex mutex_;
   std::condition_variable wake_;
   bool ended_ = false;

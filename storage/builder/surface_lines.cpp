@@ -96,7 +96,7 @@ struct Chains {
 };
 
 Result<void> add_drainage(const HeightField& field, const LevelTable& table, const LineOptions& options,
-                          const std::string& scratch_dir, const FlowRun& run, SurfaceLines& lines, Chains& all) {
+                          ScratchPlace place, const FlowRun& run, SurfaceLines& lines, Chains& all) {
   DrainageOptions drainage_options;
   drainage_options.run = run;
   drainage_options.cells = lines.drainage_cells;
@@ -109,7 +109,7 @@ Result<void> add_drainage(const HeightField& field, const LevelTable& table, con
   std::vector<ScratchMap> scratch;
   std::string scratch_error;
   const auto allocate = [&](std::size_t n_bytes) -> void* {
-    auto map = ScratchMap::create(scratch_dir, n_bytes);
+    auto map = place.make(n_bytes);
     if (!map) {
       scratch_error = map.error().message;
       return nullptr;
@@ -118,7 +118,7 @@ Result<void> add_drainage(const HeightField& field, const LevelTable& table, con
     return scratch.back().data();
   };
   drainage_options.kept = [&](std::size_t n_bytes) -> void* {
-    auto map = ScratchMap::create(scratch_dir, n_bytes);
+    auto map = place.make(n_bytes);
     if (!map) return nullptr;  // there is the heap
     all.kept.push_back(std::move(*map));
     return all.kept.back().data();
@@ -192,7 +192,7 @@ std::vector<OutputLayer> layers_of(const Lattice& lattice, const LevelTable& tab
 }  // namespace
 
 Result<SurfaceLines> make_surface_lines(const HeightField& field, const LevelTable& table, const LineOptions& options,
-                                        const std::string& scratch_dir, int threads, const std::atomic<bool>* cancel,
+                                        ScratchPlace place, int threads, const std::atomic<bool>* cancel,
                                         const std::function<void(double)>& progress,
                                         const std::function<void()>& pause) {
   SurfaceLines lines;
@@ -201,7 +201,7 @@ Result<SurfaceLines> make_surface_lines(const HeightField& field, const LevelTab
   if (options.drainage) {
     choose_sizes(field, table, options, {threads, cancel, {}, pause}, lines);
     if (cancel != nullptr && *cancel) return fail(ErrorKind::kInterrupted, "interrupted");
-    if (auto added = add_drainage(field, table, options, scratch_dir, {threads, cancel, progress, pause}, lines, all);
+    if (auto added = add_drainage(field, table, options, place, {threads, cancel, progress, pause}, lines, all);
         !added) {
       return tl::unexpected(added.error());
     }
@@ -224,7 +224,7 @@ Result<SurfaceLines> make_surface_lines(const HeightField& field, const LevelTab
     std::vector<ScratchMap> working;
     const auto in_maps = [&](std::vector<ScratchMap>& maps) {
       return [&](std::size_t n_bytes) -> void* {
-        auto map = ScratchMap::create(scratch_dir, n_bytes);
+        auto map = place.make(n_bytes);
         if (!map) return nullptr;  // there is the heap
         maps.push_back(std::move(*map));
         return maps.back().data();

@@ -54,12 +54,12 @@ struct SurfaceLines {
 };
 
 /// Derives streams and shores of the field, reads the user's lines, cuts them all at each other, generalises them with
-/// the level table. `scratch_dir`: for the flow's arrays. `progress(fraction)` is called from this thread while
+/// the level table. `place`: for the flow's arrays, which need its
+/// memory once more than the lines that come out. `progress(fraction)` is called from this thread while
 /// drainage is derived; null `cancel`: cannot be interrupted. `pause`: as FlowRun::before_job. kIo, kInvalidInput,
 /// kInterrupted.
 Result<SurfaceLines> make_surface_lines(const HeightField& field, const LevelTable& table, const LineOptions& options,
-                                        const std::string& scratch_dir, int threads,
-                                        const std::atomic<bool>* cancel = nullptr,
+                                        ScratchPlace place, int threads, const std::atomic<bool>* cancel = nullptr,
                                         const std::function<void(double)>& progress = {},
                                         const std::function<void()>& pause = {});
 

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "core/drainage/flow_run.hpp"
+#include "core/registers.hpp"
 
 namespace tind {
 namespace {
@@ -130,13 +131,6 @@ class NearestInColumn {
   const std::int64_t limit_;
   std::vector<Column> columns_;
 };
-
-#if defined(__x86_64__) && defined(__gnu_linux__) && !defined(__clang__) && !defined(__SANITIZE_THREAD__) && \
-    !defined(__SANITIZE_ADDRESS__)
-#define TIND_WIDE __attribute__((target_clones("avx2", "default")))
-#else
-#define TIND_WIDE
-#endif
 
 /// The mean of each post's neighbours; `old` begins a post to the west of the others.
 TIND_WIDE void relax_all(const float* south, const float* north, const float* old, float* __restrict out,

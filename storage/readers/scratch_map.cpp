@@ -45,4 +45,10 @@ ScratchMap::~ScratchMap() {
   if (address_ != nullptr) ::munmap(address_, n_bytes_);
 }
 
+Result<ScratchMap> ScratchPlace::make(std::uint64_t n_bytes) {
+  if (n_bytes > memory_bytes) return ScratchMap::create(folder, n_bytes);
+  memory_bytes -= n_bytes;
+  return ScratchMap::in_memory(n_bytes, true);
+}
+
 }  // namespace tind

@@ -53,4 +53,14 @@ class ScratchMap {
   ResidentMap resident_;
 };
 
+/// Where scratch maps are made: in memory, of huge pages, as long as `memory_bytes` are enough for all of them, else in
+/// files of `folder`.
+struct ScratchPlace {
+  std::string folder;
+  std::uint64_t memory_bytes = 0;
+
+  /// As ScratchMap::create. One thread.
+  Result<ScratchMap> make(std::uint64_t n_bytes);
+};
+
 }  // namespace tind

@@ -74,7 +74,7 @@ class SurfaceLinesTest : public ::testing::Test {
   }
   SurfaceLines lines_of(const HeightField& field, const LevelTable& table, const LineOptions& options,
                         int threads = 2) const {
-    auto lines = make_surface_lines(field, table, options, folder_.string(), threads);
+    auto lines = make_surface_lines(field, table, options, {folder_.string()}, threads);
     EXPECT_TRUE(lines) << lines.error().message;
     return lines ? std::move(*lines) : SurfaceLines();
   }
@@ -427,13 +427,13 @@ TEST_F(SurfaceLinesTest, NothingAskedForIsNothing) {
 TEST_F(SurfaceLinesTest, NoScratchAndNoFileAreErrors) {
   const LevelTable t = table();
   const TestField world = valley_field(t);
-  const auto no_scratch = make_surface_lines(world.field, t, LineOptions(), path("no/such/folder"), 1);
+  const auto no_scratch = make_surface_lines(world.field, t, LineOptions(), {path("no/such/folder")}, 1);
   ASSERT_FALSE(no_scratch);
   EXPECT_EQ(no_scratch.error().kind, ErrorKind::kIo);
   EXPECT_THAT(no_scratch.error().message, HasSubstr("no/such/folder"));
   LineOptions options;
   options.given = {{path("nowhere.gpkg"), false}};
-  const auto no_file = make_surface_lines(world.field, t, options, folder_.string(), 1);
+  const auto no_file = make_surface_lines(world.field, t, options, {folder_.string()}, 1);
   ASSERT_FALSE(no_file);
   EXPECT_THAT(no_file.error().message, HasSubstr("nowhere.gpkg"));
 }
