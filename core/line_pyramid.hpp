@@ -64,7 +64,7 @@ class LinePyramid {
   /// heights that vertices at these lattice points get on every level.
   std::span<const LatticePoint> vertices() const { return vertices_.values(); }
   /// The same, to be asked for one at a time. Valid as long as this object.
-  PinnedPoints pinned() const { return PinnedPoints(vertices(), vertex_filter_); }
+  PinnedPoints pinned() const { return PinnedPoints(vertices(), &vertex_filter_); }
   /// The vertices that lie inside the stretch (start, end) of a border line, ascending in t, of any entry level.
   std::span<const LineCrossing> crossings(bool vertical, std::int64_t at, std::int64_t start, std::int64_t end) const;
   /// The pieces inside a tile, heaviest first.
@@ -97,7 +97,7 @@ class LinePyramid {
   std::int64_t width_ = 0;
   std::vector<std::int64_t> side_;  // of a tile, per level
   ScratchArray<LatticePoint> vertices_;
-  std::vector<std::uint64_t> vertex_filter_;
+  PinFilter vertex_filter_;
   ScratchArray<LineCrossing> crossings_;  // by (vertical, at, t)
   std::vector<Level> levels_;
 };

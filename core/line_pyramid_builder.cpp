@@ -25,7 +25,10 @@ LinePyramidBuilder::LinePyramidBuilder(LinePyramid& out, const Lattice& lattice,
 void LinePyramidBuilder::build(std::vector<BreakChain> input) {
   load(input);
   std::vector<BreakChain>().swap(input);
-  out_.vertex_filter_ = PinnedPoints::make_filter(out_.vertices());
+  // A bottom tile has some 200 x 200 posts: a cell is as long as a stretch of stream with a dozen vertices.
+  constexpr std::uint64_t kFilterCells = 8;
+  const std::uint64_t cell_side = static_cast<std::uint64_t>(out_.side_.back()) / kFilterCells;
+  out_.vertex_filter_ = PinFilter(out_.vertices(), std::max(0, static_cast<int>(std::bit_width(cell_side)) - 1));
   out_.levels_.resize(detail_.size());
   if (out_.empty()) return;
   entry_ = ScratchArray<std::uint8_t>(out_.vertices_.size(), working_);

@@ -14,14 +14,59 @@
 
 namespace tind {
 
+/// Which lattice points may be among some: a bit array in which each of these has its bit set, as other points' may be,
+/// one of eight or more. Points of one cell have their bits in one or two lines of the processor's cache, for whoever
+/// asks for points that lie together. Const access is thread safe.
+class PinFilter {
+ public:
+  PinFilter() = default;
+  /// `cell_bits`: a cell's side is 2^cell_bits steps; a few points in each is best.
+  PinFilter(std::span<const LatticePoint> points, int cell_bits) : cell_bits_(cell_bits) {
+    if (points.empty()) return;
+    lines_.resize(std::bit_ceil(points.size() / 64 + 1));
+    for (const LatticePoint& p : points) {
+      const std::uint64_t bit = bit_of(p.x, p.y);
+      lines_[line_of(p.x, p.y)].words[bit / 64] |= std::uint64_t{1} << (bit % 64);
+    }
+  }
+
+  bool empty() const { return lines_.empty(); }
+  std::size_t n_bytes() const { return lines_.size() * sizeof(Line); }
+  /// Precondition: not empty.
+  bool may_have(std::int64_t x, std::int64_t y) const {
+    const std::uint64_t bit = bit_of(x, y);
+    return (lines_[line_of(x, y)].words[bit / 64] >> (bit % 64) & 1) != 0;
+  }
+
+ private:
+  struct alignas(64) Line {
+    std::uint64_t words[8] = {};
+  };
+
+  // Mixes as splitmix64 does (Steele, Lea, Flood 2014, doi:10.1145/2660193.2660195).
+  static std::uint64_t mix(std::int64_t x, std::int64_t y) {
+    std::uint64_t h = static_cast<std::uint64_t>(x) * 0x9e3779b97f4a7c15u + static_cast<std::uint64_t>(y);
+    h = (h ^ (h >> 30)) * 0xbf58476d1ce4e5b9u;
+    h = (h ^ (h >> 27)) * 0x94d049bb133111ebu;
+    return h ^ (h >> 31);
+  }
+  static std::uint64_t bit_of(std::int64_t x, std::int64_t y) { return mix(x, y) >> (64 - 9); }
+  std::size_t line_of(std::int64_t x, std::int64_t y) const {
+    return static_cast<std::size_t>(mix(x >> cell_bits_, y >> cell_bits_)) & (lines_.size() - 1);
+  }
+
+  std::vector<Line> lines_;  // a power of two of them
+  int cell_bits_ = 0;
+};
+
 /// Lattice points whose vertices have a height of their own: those of break lines. A view of arrays it does not own;
-/// const access is thread safe. Nearly all points that are asked for are none, which a bit per few points tells.
+/// const access is thread safe. Nearly all points that are asked for are none, which the filter tells.
 class PinnedPoints {
  public:
   PinnedPoints() = default;
-  /// `points`: ascending by (y, x), x in [0, lattice width). `filter`: from make_filter(points), or empty: then each
-  /// question costs a search. Implicit: a span of points is all there is to it.
-  PinnedPoints(std::span<const LatticePoint> points, std::span<const std::uint64_t> filter = {})
+  /// `points`: ascending by (y, x), x in [0, lattice width). `filter`: of these points, or null: then each question
+  /// costs a search. Implicit: a span of points is all there is to it.
+  PinnedPoints(std::span<const LatticePoint> points, const PinFilter* filter = nullptr)
       : points_(points), filter_(filter) {}
 
   bool empty() const { return points_.empty(); }
@@ -30,10 +75,7 @@ class PinnedPoints {
 
   /// The height of (x, y), x in [0, lattice width), if it is pinned.
   std::optional<std::int32_t> find(std::int64_t x, std::int64_t y) const {
-    if (!filter_.empty()) {
-      const std::uint64_t bit = bit_of(x, y, filter_.size());
-      if (!(filter_[bit / 64] >> (bit % 64) & 1)) return std::nullopt;
-    }
+    if (points_.empty() || (filter_ != nullptr && !filter_->empty() && !filter_->may_have(x, y))) return std::nullopt;
     const auto pin = std::lower_bound(points_.begin(), points_.end(), std::tuple(y, x),
                                       [](const LatticePoint& p, const std::tuple<std::int64_t, std::int64_t>& at) {
                                         return std::tie(p.y, p.x) < at;
@@ -42,28 +84,9 @@ class PinnedPoints {
     return pin->z;
   }
 
-  /// A bit array in which each point's bit is set, as other points' may be: one of eight or more.
-  static std::vector<std::uint64_t> make_filter(std::span<const LatticePoint> points) {
-    if (points.empty()) return {};
-    std::vector<std::uint64_t> filter(std::bit_ceil(points.size() / 8 + 1), 0);
-    for (const LatticePoint& p : points) {
-      const std::uint64_t bit = bit_of(p.x, p.y, filter.size());
-      filter[bit / 64] |= std::uint64_t{1} << (bit % 64);
-    }
-    return filter;
-  }
-
  private:
-  // `n_words` is a power of two. Mixes as splitmix64 does (Steele, Lea, Flood 2014, doi:10.1145/2660193.2660195).
-  static std::uint64_t bit_of(std::int64_t x, std::int64_t y, std::size_t n_words) {
-    std::uint64_t h = static_cast<std::uint64_t>(x) * 0x9e3779b97f4a7c15u + static_cast<std::uint64_t>(y);
-    h = (h ^ (h >> 30)) * 0xbf58476d1ce4e5b9u;
-    h = (h ^ (h >> 27)) * 0x94d049bb133111ebu;
-    return h >> (64 - 6 - std::countr_zero(n_words));
-  }
-
   std::span<const LatticePoint> points_;
-  std::span<const std::uint64_t> filter_;
+  const PinFilter* filter_ = nullptr;
 };
 
 }  // namespace tind

@@ -28,8 +28,8 @@ std::vector<LatticePoint> random_points(std::size_t n, unsigned seed) {
 TEST(PinnedPoints, FindsEachPointAndNoOtherWithAFilterAndWithout) {
   for (const std::size_t n : {0u, 1u, 7u, 8u, 9u, 1000u, 50'000u}) {
     const auto points = random_points(n, 7);
-    const auto filter = PinnedPoints::make_filter(points);
-    for (const PinnedPoints pinned : {PinnedPoints(points), PinnedPoints(points, filter)}) {
+    const PinFilter filter(points, static_cast<int>(n % 13));
+    for (const PinnedPoints pinned : {PinnedPoints(points), PinnedPoints(points, &filter)}) {
       EXPECT_EQ(pinned.empty(), n == 0);
       for (const LatticePoint& p : points) {
         ASSERT_EQ(pinned.find(p.x, p.y), p.z) << n;
@@ -42,15 +42,19 @@ TEST(PinnedPoints, FindsEachPointAndNoOtherWithAFilterAndWithout) {
 
 TEST(PinnedPoints, FilterSparesMostSearches) {
   const auto points = random_points(50'000, 1);
-  const auto filter = PinnedPoints::make_filter(points);
-  std::size_t n_set = 0;
-  for (const std::uint64_t word : filter) n_set += static_cast<std::size_t>(std::popcount(word));
-  EXPECT_GT(n_set, points.size() / 2);
-  EXPECT_LT(n_set * 8, filter.size() * 64 + 8);
-  EXPECT_LE(filter.size() * 8, points.size() * 2 + 16);  // at most two bytes a point
+  for (const int cell_bits : {0, 3, 5, 8}) {
+    const PinFilter filter(points, cell_bits);
+    EXPECT_LE(filter.n_bytes(), points.size() * 2 + 64);  // at most two bytes a point
+    std::size_t n_others = 0;
+    for (const LatticePoint& p : points) {
+      ASSERT_TRUE(filter.may_have(p.x, p.y));
+      n_others += filter.may_have(p.x + 1, p.y) ? 1 : 0;  // of cells that have points
+    }
+    EXPECT_LT(n_others, points.size() / 5) << cell_bits;
+  }
   // It is asked first: what it does not know is not found.
-  const auto few = PinnedPoints::make_filter(random_points(3, 2));
-  const PinnedPoints blind(points, few);
+  const PinFilter few(random_points(3, 2), 4);
+  const PinnedPoints blind(points, &few);
   std::size_t n_found = 0;
   for (const LatticePoint& p : points) n_found += blind.find(p.x, p.y).has_value() ? 1 : 0;
   EXPECT_LT(n_found, points.size() / 8);
