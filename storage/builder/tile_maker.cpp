@@ -27,7 +27,7 @@ RefinementSpec refinement_spec(const PyramidInput& input, const TilePlan& plan) 
   const double disagreement = field.disagreement_m <= bottom_m * kDisagreementShare ? field.disagreement_m : 0;
   const double margin = unit / 2 + disagreement;
   RefinementSpec spec;
-  spec.height_step_m = height_steps(field, plan, field.pinned.empty() ? 0 : bottom_m / 2);
+  spec.height_step_m = height_steps(field, plan, field.pinned.empty() ? 0 : bottom_m / 2, input.threads);
   for (int level = 0; level <= input.table.bottom_level(); ++level) {
     const double tolerance = input.table.levels[static_cast<std::size_t>(level)].tolerance_m;
     spec.tolerance_m.push_back(tolerance - std::min(margin, tolerance * kMostMargin));

@@ -3,6 +3,7 @@
 
 #include <limits>
 
+#include "core/drainage/flow_run.hpp"
 #include "core/format/quantized_mesh.hpp"
 
 namespace tind {
@@ -154,21 +155,24 @@ bool is_outside(const HeightField& field, std::int64_t x, std::int64_t y) {
   return true;
 }
 
-std::vector<double> height_steps(const HeightField& field, const TilePlan& plan, double slack_m) {
+std::vector<double> height_steps(const HeightField& field, const TilePlan& plan, double slack_m, int threads) {
   std::vector<double> steps(static_cast<std::size_t>(plan.bottom_level()) + 1, kSmallestBorderStepM);
   const double unit = field.lattice.height_unit_m() + slack_m;
   std::vector<HeightRange> finer;  // of the tiles of the level below, in their order
   for (int level = plan.bottom_level(); level >= 0; --level) {
     const std::vector<TileKey>& tiles = plan.tiles(level);
-    std::vector<HeightRange> ranges;
-    ranges.reserve(tiles.size());
+    std::vector<HeightRange> ranges(tiles.size(), {field.base_height_m, field.base_height_m});
+    if (level == plan.bottom_level()) {
+      for_each_job({threads, nullptr, {}}, static_cast<std::int64_t>(tiles.size()), [&](int, std::int64_t k) {
+        const auto tile = static_cast<std::size_t>(k);
+        ranges[tile] = range_of(field, tiles[tile]);
+      });
+    }
     // The stored tiles of a level are the children of the split tiles above, four by four in one order.
     std::size_t n_split = 0;
-    for (const TileKey& tile : tiles) {
-      HeightRange range{field.base_height_m, field.base_height_m};
-      if (level == plan.bottom_level()) {
-        range = range_of(field, tile);
-      } else if (plan.is_split(tile)) {
+    for (std::size_t k = 0; k < tiles.size(); ++k) {
+      HeightRange& range = ranges[k];
+      if (level < plan.bottom_level() && plan.is_split(tiles[k])) {
         for (std::size_t child = 0; child < 4; ++child) {
           const HeightRange& part = finer[4 * n_split + child];
           range.include(part.low, part.high);
@@ -177,7 +181,6 @@ std::vector<double> height_steps(const HeightField& field, const TilePlan& plan,
       }
       double& step = steps[static_cast<std::size_t>(level)];
       step = std::max(step, height_step_m(range.low - unit, range.high + unit));
-      ranges.push_back(range);
     }
     finer = std::move(ranges);
   }

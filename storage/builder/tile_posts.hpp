@@ -55,6 +55,6 @@ bool is_outside(const HeightField& field, std::int64_t x, std::int64_t y);
 
 /// The levels' height steps (docs/format.md 9, `height_step_m`), index = level: for each level the smallest power of
 /// two in which every tile's heights span at most 32767 steps. Pinned heights may differ from the posts' by `slack_m`.
-std::vector<double> height_steps(const HeightField& field, const TilePlan& plan, double slack_m);
+std::vector<double> height_steps(const HeightField& field, const TilePlan& plan, double slack_m, int threads = 1);
 
 }  // namespace tind

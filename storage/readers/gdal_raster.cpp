@@ -145,8 +145,6 @@ Result<void> RasterMosaic::Impl::settle_heights(RasterMosaic& m, const RasterOpt
 
 Result<RasterMosaic> RasterMosaic::open(const std::vector<std::string>& paths, const RasterOptions& options) {
   if (paths.empty()) return fail(ErrorKind::kInvalidInput, "no input raster given");
-  GDALAllRegister();
-  if (CPLGetConfigOption("GDAL_CACHEMAX", nullptr) == nullptr) GDALSetCacheMax64(kCacheBytes);
   FileHashes hashes(std::max(1, static_cast<int>(std::thread::hardware_concurrency())));
   // What is a file for sure is hashed while headers are read; of any other name GDAL must tell which file it means.
   std::vector<std::optional<std::size_t>> hash_of(paths.size());
@@ -154,6 +152,8 @@ Result<RasterMosaic> RasterMosaic::open(const std::vector<std::string>& paths, c
     VSIStatBufL stat;
     if (VSIStatL(paths[i].c_str(), &stat) == 0 && VSI_ISREG(stat.st_mode)) hash_of[i] = hashes.add(paths[i]);
   }
+  GDALAllRegister();  // takes a while
+  if (CPLGetConfigOption("GDAL_CACHEMAX", nullptr) == nullptr) GDALSetCacheMax64(kCacheBytes);
   auto impl = std::make_unique<Impl>();
   impl->resampling = options.resampling;
   if (!options.vertical_datum.empty() || !options.geoid.empty()) {

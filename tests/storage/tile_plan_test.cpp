@@ -215,8 +215,8 @@ TEST_P(PlanTest, HeightStepsHoldTheHighestTile) {
     }
   }
   EXPECT_EQ(height_steps(plain, plan, 0.25), expected);
-  EXPECT_EQ(height_steps(world_.with_blocks(), plan, 0.25), expected);
-  EXPECT_EQ(height_steps(world_.with_blocks_on_demand(), plan, 0.25), expected);
+  EXPECT_EQ(height_steps(world_.with_blocks(), plan, 0.25, 2), expected);
+  EXPECT_EQ(height_steps(world_.with_blocks_on_demand(), plan, 0.25, 3), expected);
   EXPECT_FALSE(world_.has_made_blocks());
 }
 
