@@ -150,8 +150,9 @@ class UpdateTest : public ::testing::Test {
   }
 
   BuildReport build(const std::string& output, const std::string& earlier, double tolerance_m, bool drainage,
-                    int threads) const {
+                    int threads, std::uint64_t memory_bytes = BuildOptions().memory_bytes) const {
     BuildOptions o;
+    o.memory_bytes = memory_bytes;
     o.source.inputs = {(folder_ / "posts.tif").string()};
     o.source.raster.nodata = kVoid;
     o.output = (folder_ / output).string();
@@ -194,7 +195,9 @@ class UpdateTest : public ::testing::Test {
       earlier_posts_ = now;
       write();
       build("whole.tind", "", tolerance_m, drainage, 2);
-      const BuildReport report = build("after.tind", "before.tind", tolerance_m, drainage, 1 + k % 3);
+      // Little memory: posts in a scratch file, and then in pages.
+      const std::uint64_t memory_bytes = k % 4 == 3 ? std::uint64_t{1} << 20 : BuildOptions().memory_bytes;
+      const BuildReport report = build("after.tind", "before.tind", tolerance_m, drainage, 1 + k % 3, memory_bytes);
       ASSERT_TRUE(bytes_of("after.tind") == bytes_of("whole.tind")) << k << ": " << what << differences();
       fs::rename(folder_ / "after.tind", folder_ / "before.tind");
       const std::size_t n_levels = report.breakdown.size();
