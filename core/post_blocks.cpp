@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "core/post_blocks.hpp"
-#include "core/registers.hpp"
 
 #include <array>
 #include <atomic>
@@ -11,6 +10,7 @@
 
 #include "core/drainage/flow_run.hpp"
 #include "core/height_field.hpp"
+#include "core/registers.hpp"
 
 namespace tind {
 namespace {

@@ -68,7 +68,7 @@ void ResidentLimit::enforce() {
   const auto now_ns = [] { return std::chrono::steady_clock::now().time_since_epoch() / std::chrono::nanoseconds(1); };
   if (now_ns() < next_look_ns_.load(std::memory_order_relaxed)) return;
   const std::uint64_t room = room_after_release();
-  // Pages that the kernel has come in by sixteen and more, on every thread, faster than any thread reads them.
+  // A fault brings in sixteen pages and more, on every thread: faster than anybody reads them.
   constexpr std::uint64_t kMostBytesPerNs = 128;
   constexpr std::uint64_t kMostNs = kMostPauseMs * 1000000;
   next_look_ns_ = now_ns() + static_cast<std::int64_t>(std::min(room / kMostBytesPerNs, kMostNs));

@@ -54,10 +54,9 @@ struct SurfaceLines {
 };
 
 /// Derives streams and shores of the field, reads the user's lines, cuts them all at each other, generalises them with
-/// the level table. `place`: for the flow's arrays, which need its
-/// memory once more than the lines that come out. `progress(fraction)` is called from this thread while
-/// drainage is derived; null `cancel`: cannot be interrupted. `pause`: as FlowRun::before_job. kIo, kInvalidInput,
-/// kInterrupted.
+/// the level table. `place`: for the flow's arrays, which are gone when lines are generalised, and then once more for
+/// these. `progress(fraction)` is called from this thread while drainage is derived; null `cancel`: cannot be
+/// interrupted. `pause`: as FlowRun::before_job. kIo, kInvalidInput, kInterrupted.
 Result<SurfaceLines> make_surface_lines(const HeightField& field, const LevelTable& table, const LineOptions& options,
                                         ScratchPlace place, int threads, const std::atomic<bool>* cancel = nullptr,
                                         const std::function<void(double)>& progress = {},
