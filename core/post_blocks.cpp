@@ -131,7 +131,6 @@ ColumnResiduals residuals_of_columns(const float* heights, std::int64_t stride, 
 
 #define TIND_LOOPS "core/post_blocks_loops.inc"
 #include "core/register_widths.inc"
-const bool kIsWide = kBestRegisters != Registers::kNarrow;
 
 LeafSums sums_of_leaf(const float* heights, std::int64_t stride, std::int64_t n_rows, std::int64_t n_cols) {
   const bool whole = n_cols == PostBlocks::kSide;

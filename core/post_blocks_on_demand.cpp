@@ -21,7 +21,6 @@ using Lanes = std::array<float, 8>;
 
 #define TIND_LOOPS "core/post_summary_loops.inc"
 #include "core/register_widths.inc"
-const bool kIsWide = kBestRegisters != Registers::kNarrow;
 
 // Adds `n` posts of a row.
 void add_origins(const PostOrigin* origins, std::int64_t n, PostSummary& to) {

@@ -28,5 +28,6 @@ inline Registers best_registers() {
   return Registers::kNarrow;
 }
 inline const Registers kBestRegisters = best_registers();
+inline const bool kIsWide = kBestRegisters != Registers::kNarrow;
 
 }  // namespace tind

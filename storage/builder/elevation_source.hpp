@@ -57,7 +57,7 @@ class ElevationSource {
   const RasterMosaic* raster() const { return raster_ ? &*raster_ : nullptr; }
 
   /// Makes the height field; `progress(fraction)` is called from this thread. kInterrupted: `cancel` was set.
-  /// `in_memory_bytes`: as HeightGridOptions; point clouds have no blocks on demand.
+  /// `in_memory_bytes`: as HeightGridOptions; those of point clouds are always in scratch files.
   Result<void> load(const Lattice& lattice, double base_height_m, int falloff_posts, const std::string& scratch_dir,
                     int threads, const std::function<void(double)>& progress, CancelFlag cancel = nullptr,
                     std::uint64_t in_memory_bytes = 0);

@@ -8,6 +8,7 @@
 #include <map>
 #include <memory>
 #include <set>
+#include <span>
 #include <tuple>
 #include <utility>
 #include <vector>
@@ -258,8 +259,8 @@ class PyramidPatcher {
     for_each_job(run(), static_cast<std::int64_t>(jobs.size()), [&](int, std::int64_t job) {
       const auto k = static_cast<std::size_t>(job);
       const RootEdge& root = jobs[k];
-      static const std::vector<LocalVertex> kNone;
-      lines[k] = maker_.refine(root, root.level == 0 ? kNone : interiors_.at(parent_of(field_.lattice, root)));
+      using Interior = std::span<const LocalVertex>;
+      lines[k] = maker_.refine(root, root.level == 0 ? Interior() : interiors_.at(parent_of(field_.lattice, root)));
     });
     if (cancelled()) return fail(ErrorKind::kInterrupted, "interrupted");
     for (std::size_t k = 0; k < jobs.size(); ++k) borders_.add(jobs[k], std::move(lines[k]));
@@ -301,8 +302,8 @@ class PyramidPatcher {
     for_each_job(run(), static_cast<std::int64_t>(jobs.size()), [&](int, std::int64_t k) {
       Job& job = jobs[static_cast<std::size_t>(k)];
       const auto start = std::chrono::steady_clock::now();
-      static const std::vector<LocalVertex> kNone;
-      const auto& inherited = job.tile.level == 0 ? kNone : interiors_.at(job.tile.parent());
+      using Interior = std::span<const LocalVertex>;
+      const Interior inherited = job.tile.level == 0 ? Interior() : interiors_.at(job.tile.parent());
       job.made = maker_.make(job.tile, inherited, job.earlier);
       job.seconds = seconds_since(start);
     });

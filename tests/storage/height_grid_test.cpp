@@ -177,6 +177,7 @@ TEST_F(HeightGridTest, PostsInMemoryAndInPagesAndTheirBlocksAreThoseOfFiles) {
     auto moved = std::move(*grid);
     if (in_memory_bytes < n_bytes) {
       ASSERT_TRUE(moved.turn_into_pages(folder_.string(), 1 << 20, 2, nullptr));
+      EXPECT_FALSE(moved.field().blocks->is_on_demand());
     }
     const PostBlocks &paged = *moved.field().blocks, &expected = *plain->field().blocks;
     for (int level = 0; level < expected.n_levels(); ++level) {
