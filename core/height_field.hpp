@@ -101,6 +101,19 @@ struct HeightField {
     return pages != nullptr ? pages->origin(r, c) : origins[r * n_cols + c];
   }
 
+  /// Post (r, c) and those beside it in arrays or, as far as they are in the same page, in that; a row has `stride`.
+  /// Valid as long as the arrays, or until this thread asks for another page.
+  struct Posts {
+    const float* heights_m;
+    const PostOrigin* origins;
+    std::int64_t stride;
+  };
+  Posts posts_from(std::int64_t r, std::int64_t c) const {
+    if (pages == nullptr) return {heights_m + r * n_cols + c, origins + r * n_cols + c, n_cols};
+    const PostPage& page = pages->of_post(r, c);
+    return {page.heights_m + PostPages::index(r, c), page.origins + PostPages::index(r, c), PostPages::kSide};
+  }
+
   /// PostBlocks::visit over the grid's posts; where there are no blocks, posts() is called for all rows of the window.
   template <class Settle, class Posts>
   void visit_posts(const PostBlocks::Extent& window, Settle settle, Posts posts) const {

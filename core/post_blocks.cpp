@@ -210,14 +210,13 @@ void PostBlocks::fit_leaf(const HeightField& field, std::int64_t i, std::int64_t
   static_assert(sizeof(PostBlock) == 24 && sizeof(PostBlockSums) == 32);
   const Extent e = extent(0, i, j);
   const Shape shape(e);
-  const float* heights = field.heights_m + e.row * field.n_cols + e.col;
-  const PostOrigin* origins = field.origins + e.row * field.n_cols + e.col;
+  const auto [heights, origins, stride] = field.posts_from(e.row, e.col);
   PostBlock block;
   PostBlockSums sums;
-  const LeafSums s = sums_of_leaf(heights, field.n_cols, e.n_rows, e.n_cols);
+  const LeafSums s = sums_of_leaf(heights, stride, e.n_rows, e.n_cols);
   set_plane(block, shape, s.sum, s.sum_cols, s.sum_rows);
   const PostPlane p = block.plane();
-  const LeafResiduals all = residuals_of_leaf(heights, field.n_cols, e.n_rows, e.n_cols, p);
+  const LeafResiduals all = residuals_of_leaf(heights, stride, e.n_rows, e.n_cols, p);
   const double size = std::abs(p.origin_m) + kSide * (std::abs(p.per_col_m) + std::abs(p.per_row_m)) +
                       std::max(std::abs(static_cast<double>(s.low)), std::abs(static_cast<double>(s.high)));
   block.low_m = float_below(all.low - kSlack * size);
@@ -228,7 +227,7 @@ void PostBlocks::fit_leaf(const HeightField& field, std::int64_t i, std::int64_t
   sums.residual_rows_m = static_cast<float>(s.sum_rows - shape.rows2 * p.per_row_m);
   sums.min_height_m = s.low;
   sums.max_height_m = s.high;
-  set_origins(block, sums, origins, field.n_cols, e);
+  set_origins(block, sums, origins, stride, e);
   const Level& level = at(0);
   level.blocks[i * level.n_cols + j] = block;
   level.sums[i * level.n_cols + j] = sums;

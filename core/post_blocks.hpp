@@ -111,9 +111,10 @@ class PostBlocks {
 
   /// The same blocks, each square of kLevels levels made when somebody first asks for one of its blocks, and a coarser
   /// block when it is asked for itself: for who looks at few of them. Only summaries of all squares are made at once.
-  /// The field's arrays and `memory` stay where they are and as they are, as long as there is a copy of the blocks.
+  /// The field's arrays or pages and `memory` stay where they are and as they are, as long as there is a copy of the
+  /// blocks. `known`, if not empty: of each square its summary, or one without origins, which is made.
   static PostBlocks on_demand(const HeightField& field, std::span<std::byte> memory, int threads,
-                              const std::atomic<bool>* cancel = nullptr);
+                              const std::atomic<bool>* cancel = nullptr, std::span<const PostSummary> known = {});
   bool is_on_demand() const { return demand_ != nullptr; }
   /// The coarsest level of which a block is no more than what is made at once.
   int most_level_at_once() const { return is_on_demand() ? square_level() : n_levels() - 1; }

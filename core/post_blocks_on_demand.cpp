@@ -6,6 +6,7 @@
 #include <cstring>
 #include <limits>
 #include <memory>
+#include <span>
 #include <tuple>
 #include <vector>
 
@@ -43,9 +44,8 @@ void add_origins(const PostOrigin* origins, std::int64_t n, PostSummary& to) {
   }
 }
 
-// Of rows [row, row + n_rows) of the field, by squares of `side` columns.
-void summarize(const HeightField& field, std::int64_t row, std::int64_t n_rows, std::int64_t side,
-               PostSummary* squares) {
+// Of squares, side by side and no wider than pages.
+void summarize(const HeightField& field, std::span<const PostBlocks::Extent> squares, PostSummary* to) {
   constexpr float kInfinity = std::numeric_limits<float>::infinity();
   constexpr std::int64_t kLanes = std::tuple_size_v<Lanes>;
   struct Range {
@@ -54,29 +54,36 @@ void summarize(const HeightField& field, std::int64_t row, std::int64_t n_rows, 
   Range none;
   none.low.fill(kInfinity);
   none.high.fill(-kInfinity);
-  const std::int64_t n_squares = (field.n_cols + side - 1) / side;
-  std::vector<Range> ranges(static_cast<std::size_t>(n_squares), none);
-  for (std::int64_t r = row; r < row + n_rows; ++r) {
-    for (std::int64_t s = 0; s < n_squares; ++s) {
-      const std::int64_t first = s * side, n = std::min(side, field.n_cols - first), whole = n / kLanes * kLanes;
-      const float* const heights = field.heights_m + r * field.n_cols + first;
-      auto& [low, high] = ranges[static_cast<std::size_t>(s)];
+  std::vector<Range> ranges(squares.size(), none);
+  const auto add = [&](std::size_t s, std::int64_t r_begin, std::int64_t r_end) {
+    const PostBlocks::Extent& e = squares[s];
+    const auto [heights, origins, stride] = field.posts_from(r_begin, e.col);
+    const std::int64_t whole = e.n_cols / kLanes * kLanes;
+    auto& [low, high] = ranges[s];
+    for (std::int64_t r = 0; r < r_end - r_begin; ++r) {
+      const float* const row = heights + r * stride;
       if (kIsWide) {
-        wide::widen(heights, whole, low, high);
+        wide::widen(row, whole, low, high);
       } else {
-        narrow::widen(heights, whole, low, high);
+        narrow::widen(row, whole, low, high);
       }
-      for (std::int64_t c = whole; c < n; ++c) {
-        low[0] = std::min(low[0], heights[c]);
-        high[0] = std::max(high[0], heights[c]);
+      for (std::int64_t c = whole; c < e.n_cols; ++c) {
+        low[0] = std::min(low[0], row[c]);
+        high[0] = std::max(high[0], row[c]);
       }
-      add_origins(field.origins + r * field.n_cols + first, n, squares[s]);
+      add_origins(origins + r * stride, e.n_cols, to[s]);
     }
+  };
+  // Arrays in the order of their rows, of pages one after the other.
+  const std::int64_t row = squares.front().row, row_end = row + squares.front().n_rows;
+  const std::int64_t n_at_once = field.pages == nullptr ? 1 : row_end - row;
+  for (std::int64_t r = row; r < row_end; r += n_at_once) {
+    for (std::size_t s = 0; s < squares.size(); ++s) add(s, r, r + n_at_once);
   }
-  for (std::int64_t s = 0; s < n_squares; ++s) {
-    const auto& [low, high] = ranges[static_cast<std::size_t>(s)];
-    squares[s].min_height_m = *std::min_element(low.begin(), low.end());
-    squares[s].max_height_m = *std::max_element(high.begin(), high.end());
+  for (std::size_t s = 0; s < squares.size(); ++s) {
+    const auto& [low, high] = ranges[s];
+    to[s].min_height_m = *std::min_element(low.begin(), low.end());
+    to[s].max_height_m = *std::max_element(high.begin(), high.end());
   }
 }
 
@@ -92,7 +99,7 @@ struct PostBlocks::Demand {
 };
 
 PostBlocks PostBlocks::on_demand(const HeightField& field, std::span<std::byte> memory, int threads,
-                                 const std::atomic<bool>* cancel) {
+                                 const std::atomic<bool>* cancel, std::span<const PostSummary> known) {
   PostBlocks result = lay_out(field, memory);
   result.demand_ = std::make_shared<Demand>();
   Demand& demand = *result.demand_;
@@ -104,8 +111,19 @@ PostBlocks PostBlocks::on_demand(const HeightField& field, std::span<std::byte> 
   const std::int64_t n_cols = result.at(level).n_cols;
   demand.squares.resize(demand.states.front().size());
   for_each_job({threads, cancel, {}}, result.at(level).n_rows, [&](int, std::int64_t i) {
-    const Extent e = result.extent(level, i, 0);
-    summarize(field, e.row, e.n_rows, side(level), &demand.squares[static_cast<std::size_t>(i * n_cols)]);
+    const auto first = static_cast<std::size_t>(i * n_cols);
+    const auto is_known = [&](std::int64_t j) {
+      return !known.empty() && known[first + static_cast<std::size_t>(j)].origins != 0;
+    };
+    std::vector<Extent> squares;
+    for (std::int64_t j = 0; j < n_cols;) {
+      const std::int64_t begin = j;
+      for (squares.clear(); j < n_cols && !is_known(j); ++j) squares.push_back(result.extent(level, i, j));
+      if (!squares.empty()) summarize(field, squares, &demand.squares[first + static_cast<std::size_t>(begin)]);
+      for (; j < n_cols && is_known(j); ++j) {
+        demand.squares[first + static_cast<std::size_t>(j)] = known[first + static_cast<std::size_t>(j)];
+      }
+    }
   });
   return result;
 }

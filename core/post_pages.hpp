@@ -27,16 +27,16 @@ class PostPages : public HeldPages<PostPage> {
   PostPages(std::int64_t n_rows, std::int64_t n_cols, std::size_t n_held)
       : HeldPages((n_rows + kSide - 1) / kSide, (n_cols + kSide - 1) / kSide, n_held) {}
 
-  float height_m(std::int64_t r, std::int64_t c) const { return of_post(r, c).heights_m[index(r, c)]; }
-  PostOrigin origin(std::int64_t r, std::int64_t c) const { return of_post(r, c).origins[index(r, c)]; }
+  virtual float height_m(std::int64_t r, std::int64_t c) const { return of_post(r, c).heights_m[index(r, c)]; }
+  virtual PostOrigin origin(std::int64_t r, std::int64_t c) const { return of_post(r, c).origins[index(r, c)]; }
   /// The page of a post, and its place in it.
   const PostPage& of_post(std::int64_t r, std::int64_t c) const { return page(r >> kSideBits, c >> kSideBits); }
   static std::size_t index(std::int64_t r, std::int64_t c) {
     return static_cast<std::size_t>((r & (kSide - 1)) << kSideBits | (c & (kSide - 1)));
   }
   /// Copies posts [row, row + n_rows) x [col, col + n_cols), which lie in the grid, to row-major arrays of that size.
-  void copy(std::int64_t row, std::int64_t col, std::int64_t n_rows, std::int64_t n_cols, float* heights_m,
-            PostOrigin* origins) const;
+  virtual void copy(std::int64_t row, std::int64_t col, std::int64_t n_rows, std::int64_t n_cols, float* heights_m,
+                    PostOrigin* origins) const;
 
  private:
   static constexpr int kSideBits = 6;

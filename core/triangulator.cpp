@@ -34,7 +34,7 @@ constexpr double kBesideServedSteps = 1.5;
 class TileRefiner {
  public:
   TileSurface run(const HeightField& field, const TileTask& task, int threads) {
-    begin(field, task);
+    begin(field, task, false);
     TileSurface surface;
     triangulate(threads, surface);
     const TileErrors errors = errors_of(surface);
@@ -48,7 +48,7 @@ class TileRefiner {
 
   std::optional<TileSurface> repeat(const HeightField& field, const TileTask& task, const EarlierTile& earlier,
                                     int threads) {
-    begin(field, task);
+    begin(field, task, true);
     posts_.find_posts_of(earlier.interior, of_vertices_);
     VertexPosts vertex_posts{scanner_.served_step_m(), of_vertices_.heights_m};
     if (earlier.cells.size() != std::size_t{1} << (2 * task.n_cell_levels) || !earlier.has(vertex_posts)) return {};
@@ -75,13 +75,13 @@ class TileRefiner {
   }
 
  private:
-  void begin(const HeightField& field, const TileTask& task) {
+  void begin(const HeightField& field, const TileTask& task, bool few) {
     field_ = &field;
     task_ = &task;
     side_ = field.lattice.tile_side(task.key.level);
     west_ = side_ * task.key.x;
     south_ = side_ * task.key.y;
-    posts_.reset(field, task.key, has_vertex_served_far());
+    posts_.reset(field, task.key, has_vertex_served_far(), few);
     beside_ = std::max(kBesideSteps, kBesideServedSteps * static_cast<double>(side_) / kQuantizedSteps);
     scanner_.reset(field, task);
   }

@@ -9,7 +9,7 @@
 
 namespace tind {
 
-void TilePosts::reset(const HeightField& field, const TileKey& key, bool is_served_far) {
+void TilePosts::reset(const HeightField& field, const TileKey& key, bool is_served_far, bool few) {
   field_ = &field;
   side_ = field.lattice.tile_side(key.level);
   west_ = side_ * key.x;
@@ -20,7 +20,7 @@ void TilePosts::reset(const HeightField& field, const TileKey& key, bool is_serv
   points_.clear();
   is_restricted_ = false;
   find_windows();
-  find_posts();
+  find_posts(few);
   if (!field.points.empty()) collect_points();
   const double served_step = static_cast<double>(side_) / kQuantizedSteps;
   reach_ = (is_served_far || has_post_served_far() ? served_step : served_step / 2) + nudge_;
@@ -102,12 +102,12 @@ void TilePosts::find_windows() {
 }
 
 // Small windows lie in memory, in rows as short as they are; of large ones few posts are looked at.
-void TilePosts::find_posts() {
+void TilePosts::find_posts(bool few) {
   constexpr std::int64_t kMostCopied = 2200000;  // 11 MB
   std::int64_t n = 0;
   for (const PostWindow& w : windows_) n += w.is_base_grid ? 0 : w.n_rows * w.n_cols;
   if (field_->pages != nullptr) {
-    if (n > kMostCopied) return;
+    if (few || n > kMostCopied) return;
     copied_heights_m_.resize(static_cast<std::size_t>(n));
     copied_origins_.resize(static_cast<std::size_t>(n));
   }
@@ -220,9 +220,8 @@ void TilePosts::find_posts_of(std::span<const LocalVertex> vertices, OfVertices&
       if (floor_of(w.x(c) + 0.5) != v.x || floor_of(w.y(r) + 0.5) != v.y) continue;
       float height_m = 0;  // that of the base grid is known elsewhere
       if (!w.is_base_grid) {
-        for_parts(w, r, c, c + 1, [&height_m](const float* heights, const PostOrigin*, std::int64_t, std::int64_t) {
-          height_m = *heights;
-        });
+        height_m = w.heights_m != nullptr ? w.heights_m[r * w.stride + c]
+                                          : field_->pages->height_m(w.field_row + r, w.field_col + c);
         found.heights_m.push_back(height_m);
       }
       found.posts.push_back(

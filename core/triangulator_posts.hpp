@@ -82,8 +82,9 @@ struct TilePoint {
 /// outlive it.
 class TilePosts {
  public:
-  /// `is_served_far`: some vertex that is there from the start is, a post that may become one or not.
-  void reset(const HeightField& field, const TileKey& key, bool is_served_far);
+  /// `is_served_far`: some vertex that is there from the start is, a post that may become one or not. `few`: few posts
+  /// will be looked at.
+  void reset(const HeightField& field, const TileKey& key, bool is_served_far, bool few);
 
   const std::vector<PostWindow>& windows() const { return windows_; }
   std::size_t n_points() const { return points_.size(); }
@@ -192,7 +193,7 @@ class TilePosts {
   }
   void find_windows();
   bool has_post_served_far() const;
-  void find_posts();
+  void find_posts(bool few);
   void find_covered_boxes();
   void collect_points();
   template <class Settle, class Row>

@@ -323,7 +323,7 @@ class Build {
     if (auto loaded = source_->load(
             lattice_, options_.base_height_m, options_.falloff_posts, scratch_dir_, report_.threads,
             [this](double fraction) { progress_.update_stage(kReadShare * fraction, "reading", fraction); },
-            options_.cancel, in_memory_bytes(kPostsAsArrays));
+            options_.cancel, in_memory_bytes(kPostsAsArrays), !options_.lines.drainage);
         !loaded) {
       return loaded;
     }

@@ -46,7 +46,7 @@ std::optional<double> ElevationSource::own_spacing_m() const {
 Result<void> ElevationSource::load(const Lattice& lattice, double base_height_m, int falloff_posts,
                                    const std::string& scratch_dir, int threads,
                                    const std::function<void(double)>& progress, CancelFlag cancel,
-                                   std::uint64_t in_memory_bytes) {
+                                   std::uint64_t in_memory_bytes, bool may_be_pages) {
   if (points_) {
     PointGridOptions options;
     options.base_height_m = base_height_m;
@@ -69,6 +69,7 @@ Result<void> ElevationSource::load(const Lattice& lattice, double base_height_m,
   options.threads = threads;
   options.cancel = cancel;
   options.in_memory_bytes = in_memory_bytes;
+  options.may_be_pages = may_be_pages;
   auto grid = HeightGrid::load(*raster_, lattice, options, progress);
   if (!grid) return tl::unexpected(grid.error());
   grid_.emplace(std::move(*grid));

@@ -57,10 +57,10 @@ class ElevationSource {
   const RasterMosaic* raster() const { return raster_ ? &*raster_ : nullptr; }
 
   /// Makes the height field; `progress(fraction)` is called from this thread. kInterrupted: `cancel` was set.
-  /// `in_memory_bytes`: as HeightGridOptions; those of point clouds are always in scratch files.
+  /// `in_memory_bytes`, `may_be_pages`: as HeightGridOptions; those of point clouds are always in scratch files.
   Result<void> load(const Lattice& lattice, double base_height_m, int falloff_posts, const std::string& scratch_dir,
                     int threads, const std::function<void(double)>& progress, CancelFlag cancel = nullptr,
-                    std::uint64_t in_memory_bytes = 0);
+                    std::uint64_t in_memory_bytes = 0, bool may_be_pages = false);
   /// After load(): valid as long as this object.
   const HeightField& field() const { return grid_ ? grid_->field() : point_grid_->field(); }
   /// Moves the field's posts from arrays into pages (HeightField::pages), of which each thread holds so many bytes: for

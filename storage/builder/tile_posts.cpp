@@ -82,17 +82,13 @@ HeightRange range_of(const HeightField& field, const TileKey& tile) {
           return inside;
         },
         [&](std::int64_t r, std::int64_t begin, std::int64_t end) {
-          if (field.pages == nullptr) {
-            const float* const row = field.heights_m + r * field.n_cols;
-            float low = row[begin], high = low;
-            for (std::int64_t c = begin + 1; c < end; ++c) {
-              low = row[c] < low ? row[c] : low;
-              high = row[c] > high ? row[c] : high;
-            }
-            range.include(static_cast<double>(low), static_cast<double>(high));
-            return;
+          const float* const row = field.posts_from(r, begin).heights_m;  // a part of a block, so of a page
+          float low = row[0], high = low;
+          for (std::int64_t c = 1; c < end - begin; ++c) {
+            low = row[c] < low ? row[c] : low;
+            high = row[c] > high ? row[c] : high;
           }
-          for (std::int64_t c = begin; c < end; ++c) range.include(field.height_at(r, c), field.height_at(r, c));
+          range.include(static_cast<double>(low), static_cast<double>(high));
         });
   });
   const double side = static_cast<double>(field.lattice.tile_side(tile.level));

@@ -111,7 +111,7 @@ class NearestInColumn {
 
   bool has_height(std::int64_t r, std::int64_t c) const {
     // Another thread may be making a void a post of the falloff, which is none that counts here either.
-    const PostOrigin origin = std::atomic_ref(grid_.origins[r * grid_.n_cols + c]).load(std::memory_order_relaxed);
+    const PostOrigin origin = std::atomic_ref(grid_.origins[grid_.index(r, c)]).load(std::memory_order_relaxed);
     return origin == PostOrigin::kSource || origin == PostOrigin::kFilled;
   }
   std::int64_t find_north(std::int64_t r, std::int64_t c) const {
@@ -140,24 +140,25 @@ TIND_WIDE void relax_all(const float* south, const float* north, const float* ol
 
 /// One row of one sweep: every post becomes the mean of its neighbours, those in the row as they were before it.
 void relax_run(PostGrid& grid, const Run& run, std::vector<float>& before) {
-  float* row = grid.heights_m + run.row * grid.n_cols;
+  float* const own = grid.heights_m + grid.index(run.row, run.begin);
   const std::int64_t n = run.end - run.begin;
   before.resize(static_cast<std::size_t>(n + 2));
-  std::copy(row + run.begin, row + run.end, before.begin() + 1);
+  std::copy(own, own + n, before.begin() + 1);
   const bool has_west = run.begin > 0 || grid.wraps, has_east = run.end < grid.n_cols || grid.wraps;
-  if (has_west) before.front() = row[run.begin > 0 ? run.begin - 1 : grid.n_cols - 1];
-  if (has_east) before.back() = row[run.end < grid.n_cols ? run.end : 0];
+  if (has_west) before.front() = run.begin > 0 ? own[-1] : grid.heights_m[grid.index(run.row, grid.n_cols - 1)];
+  if (has_east) before.back() = run.end < grid.n_cols ? own[n] : grid.heights_m[grid.index(run.row, 0)];
   const bool has_south = run.row > 0, has_north = run.row + 1 < grid.n_rows;
+  const float* const south = has_south ? grid.heights_m + grid.index(run.row - 1, run.begin) : nullptr;
+  const float* const north = has_north ? grid.heights_m + grid.index(run.row + 1, run.begin) : nullptr;
   const auto relax = [&](std::int64_t k) {
-    const std::int64_t c = run.begin + k;
     float sum = 0;
     int n_sides = 0;
     const auto add = [&](float v) { sum += v, ++n_sides; };
-    if (has_south) add(row[c - grid.n_cols]);
-    if (has_north) add(row[c + grid.n_cols]);
+    if (has_south) add(south[k]);
+    if (has_north) add(north[k]);
     if (k > 0 || has_west) add(before[static_cast<std::size_t>(k)]);
     if (k + 1 < n || has_east) add(before[static_cast<std::size_t>(k + 2)]);
-    row[c] = sum / static_cast<float>(n_sides);
+    own[k] = sum / static_cast<float>(n_sides);
   };
   if (!has_south || !has_north) {
     for (std::int64_t k = 0; k < n; ++k) relax(k);
@@ -165,8 +166,7 @@ void relax_run(PostGrid& grid, const Run& run, std::vector<float>& before) {
   }
   relax(0);
   if (n == 1) return;
-  float* const out = row + run.begin + 1;
-  relax_all(out - grid.n_cols, out + grid.n_cols, before.data() + 1, out, n - 2);
+  relax_all(south + 1, north + 1, before.data() + 1, own + 1, n - 2);
   relax(n - 1);
 }
 
@@ -227,12 +227,23 @@ class FalloffRows {
 
  private:
   void settle_row(std::int64_t r, std::vector<Run>& falloff) {
-    const std::int64_t n_cols = grid_.n_cols;
-    const PostOrigin* row = grid_.origins + r * n_cols;
-    for (std::int64_t c = next_void(row, 0, n_cols); c < n_cols; c = next_void(row, c, n_cols)) {
-      const std::int64_t begin = c;
-      c = next_post(row, c, n_cols);
-      settle_run({r, begin, c}, falloff);
+    const std::int64_t n_cols = grid_.n_cols, rim = grid_.rim;
+    if (rim == 0 || r < rim || r >= grid_.n_rows - rim) {
+      settle_part(r, 0, n_cols, falloff);
+    } else {
+      settle_part(r, 0, rim, falloff);
+      settle_part(r, n_cols - rim, n_cols, falloff);
+    }
+  }
+
+  // Columns [first, end) of a row, which lie together.
+  void settle_part(std::int64_t r, std::int64_t first, std::int64_t end, std::vector<Run>& falloff) {
+    const PostOrigin* const part = grid_.origins + grid_.index(r, first);
+    const std::int64_t n = end - first;
+    for (std::int64_t k = next_void(part, 0, n); k < n; k = next_void(part, k, n)) {
+      const std::int64_t begin = k;
+      k = next_post(part, k, n);
+      settle_run({r, first + begin, first + k}, falloff);
     }
   }
 
@@ -258,13 +269,13 @@ class FalloffRows {
   void settle_run(const Run& run, std::vector<Run>& falloff) {
     find_nearest(run);
     const std::int64_t n_cols = grid_.n_cols;
-    float* heights = grid_.heights_m + run.row * n_cols;
-    PostOrigin* origins = grid_.origins + run.row * n_cols;
+    float* const heights = grid_.heights_m + grid_.index(run.row, run.begin);
+    PostOrigin* const origins = grid_.origins + grid_.index(run.row, run.begin);
     const auto& hull = nearest_.hull();
     // Before neighbours are read: a page of the map that is read first is faulted in a second time to be written.
-    std::fill(heights + run.begin, heights + run.end, static_cast<float>(base_height_m_));
-    if (hull.empty()) return;
     const auto n = static_cast<std::size_t>(run.end - run.begin);
+    std::fill_n(heights, n, static_cast<float>(base_height_m_));
+    if (hull.empty()) return;
     distances2_.resize(n);
     values_.resize(n);
     auto entry = std::upper_bound(hull.begin(), hull.end(), run.begin,
@@ -274,7 +285,7 @@ class FalloffRows {
       const std::int64_t end = entry + 1 == hull.end() ? run.end : std::min(run.end, (entry + 1)->from);
       const NearestInRow::Site& site = entry->site;
       const std::int64_t col = site.col < 0 || site.col >= n_cols ? ((site.col % n_cols) + n_cols) % n_cols : site.col;
-      const double value = c < end ? grid_.heights_m[site.row * n_cols + col] : 0;
+      const double value = c < end ? grid_.heights_m[grid_.index(site.row, col)] : 0;
       for (; c < end; ++c) {
         distances2_[static_cast<std::size_t>(c - run.begin)] = static_cast<double>(NearestInRow::gap(site, c));
         values_[static_cast<std::size_t>(c - run.begin)] = value;
@@ -284,7 +295,7 @@ class FalloffRows {
     const double limit2 = limit * limit, base = base_height_m_;
     const auto base_height = static_cast<float>(base_height_m_);
     const double *distances2 = distances2_.data(), *values = values_.data();
-    float* __restrict out = heights + run.begin;
+    float* __restrict out = heights;
     for (std::size_t k = 0; k < n; ++k) {
       const double share = 1.0 - std::sqrt(distances2[k]) / limit;
       const auto height = static_cast<float>(base + share * (values[k] - base));
@@ -294,7 +305,7 @@ class FalloffRows {
       const auto is_near = [&] { return distances2_[static_cast<std::size_t>(c - run.begin)] < limit2; };
       const std::int64_t begin = c;
       for (; c < run.end && is_near(); ++c)
-        std::atomic_ref(origins[c]).store(PostOrigin::kFalloff, std::memory_order_relaxed);
+        std::atomic_ref(origins[c - run.begin]).store(PostOrigin::kFalloff, std::memory_order_relaxed);
       if (c > begin) falloff.push_back({run.row, begin, c});
       while (c < run.end && !is_near()) ++c;
     }

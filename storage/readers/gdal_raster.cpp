@@ -154,6 +154,9 @@ Result<RasterMosaic> RasterMosaic::open(const std::vector<std::string>& paths, c
   }
   GDALAllRegister();  // takes a while
   if (CPLGetConfigOption("GDAL_CACHEMAX", nullptr) == nullptr) GDALSetCacheMax64(kCacheBytes);
+  // Rows of raw files are read once: not through a cache of theirs.
+  constexpr char kOneRead[] = "GDAL_ONE_BIG_READ";
+  if (CPLGetConfigOption(kOneRead, nullptr) == nullptr) CPLSetConfigOption(kOneRead, "YES");
   auto impl = std::make_unique<Impl>();
   impl->resampling = options.resampling;
   if (!options.vertical_datum.empty() || !options.geoid.empty()) {

@@ -13,6 +13,7 @@
 
 #include "core/drainage/flow_run.hpp"
 #include "storage/readers/falloff.hpp"
+#include "storage/readers/packed_posts.hpp"
 #include "storage/readers/post_arrays.hpp"
 #include "storage/readers/row_merge.hpp"
 #include "storage/readers/void_fill.hpp"
@@ -28,17 +29,33 @@ constexpr std::size_t kBytesPerStripPost = 40;  // of a RowMerge, GDAL's doubles
 
 struct HeightGrid::Impl {
   PostArrays arrays;
+  std::unique_ptr<PackedPosts> packed;  // instead of arrays
   HeightField field;
   HeightGridCounts counts;
   std::vector<std::string> notes;
   PostGrid grid;
   DataFrame frame;
 
-  /// Lays the extended grid around the mosaic's and reserves its memory. Returns the falloff that fits.
+  /// Lays the extended grid around the mosaic's. Returns the falloff that fits.
   Result<std::int64_t> lay_out(const RasterMosaic& mosaic, const Lattice& lattice, const HeightGridOptions& options);
-  Result<void> merge(const RasterMosaic& mosaic, int threads, const std::function<void(double)>& progress);
+  /// Merges rows strips(k) = {begin, end} of the mosaic, for 0 <= k < n_strips, and gives each to take(k, rows), on any
+  /// thread; `rows` is null where no source has any. False: take() said so, and the rest was left.
+  using Strips = std::function<std::pair<std::int64_t, std::int64_t>(std::int64_t k)>;
+  using Take = std::function<Result<bool>(std::int64_t k, const RowMerge* rows)>;
+  Result<bool> merge(const RasterMosaic& mosaic, int n_workers, const std::function<void(double)>& progress,
+                     std::int64_t n_strips, const Strips& strips, const Take& take);
+  Result<void> merge_into_arrays(const RasterMosaic& mosaic, int n_workers,
+                                 const std::function<void(double)>& progress);
+  /// Whether the grid is one of PackedPosts, as far as is known before posts are read.
+  bool can_be_packed(const RasterMosaic& mosaic, std::int64_t falloff) const;
+  /// False: it has voids.
+  Result<bool> merge_into_pages(const RasterMosaic& mosaic, int n_workers, std::int64_t falloff,
+                                const std::function<void(double)>& progress);
+  Result<void> make_arrays(const HeightGridOptions& options);
   /// One height for a pole; `row` is the grid's last row at it, `on_pole` iff it lies on the pole itself.
   double settle_pole(std::int64_t row, bool on_pole);
+  /// Lattice steps between the last row and the north pole.
+  double north_gap() const { return static_cast<double>(field.lattice.height()) - field.post_y(field.n_rows - 1); }
 };
 
 Result<std::int64_t> HeightGrid::Impl::lay_out(const RasterMosaic& mosaic, const Lattice& lattice,
@@ -84,14 +101,7 @@ Result<std::int64_t> HeightGrid::Impl::lay_out(const RasterMosaic& mosaic, const
   frame.open_south = rim_south > 0;
   frame.open_north = rim_north > 0;
 
-  auto made = PostArrays::create(options.scratch_dir, grid.n_rows, grid.n_cols, options.in_memory_bytes);
-  if (!made) return tl::unexpected(made.error());
-  arrays = std::move(*made);
-  const bool wraps = grid.wraps;
-  grid = arrays.grid();
-  grid.wraps = wraps;
   grid.cancel = options.cancel;
-
   const double step = lattice.step_deg();
   field.lattice = lattice;
   field.n_rows = grid.n_rows;
@@ -104,40 +114,97 @@ Result<std::int64_t> HeightGrid::Impl::lay_out(const RasterMosaic& mosaic, const
   if (field.x0 < 0) field.x0 += static_cast<double>(lattice.width());
   field.y0 = std::max(0.0, (mosaic.south_deg + 90.0) / step - static_cast<double>(rim_south) * field.dy);
   field.base_height_m = options.base_height_m;
-  arrays.attach(field);
+  field.continues_south = field.y0 <= field.dy * (1 + 1e-9);
+  field.continues_north = north_gap() <= field.dy * (1 + 1e-9);
   return falloff;
 }
 
-Result<void> HeightGrid::Impl::merge(const RasterMosaic& mosaic, int threads,
-                                     const std::function<void(double)>& progress) {
-  const int n_workers = mosaic.reads_in_parallel() ? threads : 1;
+Result<void> HeightGrid::Impl::make_arrays(const HeightGridOptions& options) {
+  auto made = PostArrays::create(options.scratch_dir, grid.n_rows, grid.n_cols, options.in_memory_bytes);
+  if (!made) return tl::unexpected(made.error());
+  arrays = std::move(*made);
+  const bool wraps = grid.wraps;
+  grid = arrays.grid();
+  grid.wraps = wraps;
+  grid.cancel = options.cancel;
+  arrays.attach(field);
+  return {};
+}
+
+bool HeightGrid::Impl::can_be_packed(const RasterMosaic& mosaic, std::int64_t falloff) const {
+  return !grid.wraps && !field.continues_south && !field.continues_north && frame.west_col == falloff &&
+         frame.south_row == falloff && grid.n_rows == mosaic.n_rows + 2 * falloff &&
+         grid.n_cols == mosaic.n_cols + 2 * falloff && PackedPosts::is_room_for(grid.n_rows, grid.n_cols, falloff);
+}
+
+Result<bool> HeightGrid::Impl::merge_into_pages(const RasterMosaic& mosaic, int n_workers, std::int64_t falloff,
+                                                const std::function<void(double)>& progress) {
+  auto made = PackedPosts::create(grid.n_rows, grid.n_cols, falloff);
+  if (!made) return tl::unexpected(made.error());
+  packed = std::move(*made);
+  const auto strips = [&](std::int64_t k) {
+    const auto [begin, end] = packed->rows_of(k);
+    return std::pair(begin - falloff, end - falloff);
+  };
+  const auto done = merge(mosaic, n_workers, progress, packed->n_page_rows(), strips,
+                          [&](std::int64_t k, const RowMerge* rows) -> Result<bool> {
+                            return rows != nullptr && packed->take(k, rows->heights_m(), rows->origins());
+                          });
+  if (!done || !*done) {
+    packed.reset();
+    counts = {};
+    field.disagreement_m = 0;
+    return done;
+  }
+  grid = packed->rim();
+  return true;
+}
+
+Result<void> HeightGrid::Impl::merge_into_arrays(const RasterMosaic& mosaic, int n_workers,
+                                                 const std::function<void(double)>& progress) {
   const std::size_t row_bytes = kBytesPerStripPost * static_cast<std::size_t>(mosaic.n_cols);
   const auto strip_rows = static_cast<std::int64_t>(
       std::clamp<std::size_t>(kStripBytes / static_cast<std::size_t>(n_workers) / row_bytes, 1, kMaxStripRows));
-  const std::int64_t n_strips = (mosaic.n_rows + strip_rows - 1) / strip_rows;
+  const auto strips = [&](std::int64_t k) {
+    return std::pair(k * strip_rows, std::min((k + 1) * strip_rows, mosaic.n_rows));
+  };
+  const auto take = [&](std::int64_t k, const RowMerge* rows) -> Result<bool> {
+    if (rows == nullptr) return true;
+    auto taken = arrays.take((frame.south_row + strips(k).first) * grid.n_cols, rows->heights_m(), rows->origins());
+    if (!taken) return tl::unexpected(taken.error());
+    return true;
+  };
+  const auto done = merge(mosaic, n_workers, progress, (mosaic.n_rows + strip_rows - 1) / strip_rows, strips, take);
+  if (!done) return tl::unexpected(done.error());
+  return {};
+}
+
+Result<bool> HeightGrid::Impl::merge(const RasterMosaic& mosaic, int n_workers,
+                                     const std::function<void(double)>& progress, std::int64_t n_strips,
+                                     const Strips& strips, const Take& take) {
   std::vector<RowMerge> workers(static_cast<std::size_t>(n_workers),
                                 RowMerge(mosaic, grid.n_cols, frame.west_col, grid.cancel));
   std::mutex mutex;
   std::optional<Error> failure;
-  std::atomic<bool> has_failed{false};
-  for_each_job({n_workers, grid.cancel, {}}, n_strips, [&](int w, std::int64_t job) {
-    if (has_failed) return;
-    const std::int64_t begin = job * strip_rows, end = std::min(begin + strip_rows, mosaic.n_rows);
+  std::atomic<bool> has_ended{false};
+  for_each_job({n_workers, grid.cancel, {}}, n_strips, [&](int w, std::int64_t k) {
+    const auto [begin, end] = strips(k);
+    if (has_ended || begin == end) return;
     RowMerge& worker = workers[static_cast<std::size_t>(w)];
-    const auto merged = worker.merge(begin, end).and_then([&](bool any) -> Result<void> {
-      if (!any) return {};
-      return arrays.take((frame.south_row + begin) * grid.n_cols, worker.heights_m(), worker.origins());
-    });
-    if (!merged) {
+    const auto taken = worker.merge(begin, end).and_then([&](bool any) { return take(k, any ? &worker : nullptr); });
+    if (!taken) {
       const std::lock_guard lock(mutex);
-      if (!failure) failure = merged.error();
-      has_failed = true;
+      if (!failure) failure = taken.error();
+    }
+    if (!taken || !*taken) {
+      has_ended = true;
     } else if (w == 0 && progress) {
       progress(0.7 * static_cast<double>(end) / static_cast<double>(mosaic.n_rows));
     }
   });
   if (failure) return tl::unexpected(*failure);
   if (is_set(grid.cancel)) return interrupted();
+  if (has_ended) return false;
   for (const RowMerge& worker : workers) {
     counts.source += worker.counts().source;
     counts.overlapping += worker.counts().overlapping;
@@ -145,7 +212,7 @@ Result<void> HeightGrid::Impl::merge(const RasterMosaic& mosaic, int threads,
     counts.implausible += worker.counts().implausible;
     field.disagreement_m = std::max(field.disagreement_m, worker.disagreement_m());
   }
-  return {};
+  return true;
 }
 
 double HeightGrid::Impl::settle_pole(std::int64_t row, bool on_pole) {
@@ -202,7 +269,20 @@ Result<HeightGrid> HeightGrid::load(const RasterMosaic& mosaic, const Lattice& l
   Impl& impl = *result.impl_;
   const auto falloff = impl.lay_out(mosaic, lattice, options);
   if (!falloff) return tl::unexpected(falloff.error());
-  if (auto merged = impl.merge(mosaic, options.threads, progress); !merged) return tl::unexpected(merged.error());
+  const int n_workers = mosaic.reads_in_parallel() ? options.threads : 1;
+  bool is_packed = options.may_be_pages && impl.can_be_packed(mosaic, *falloff) &&
+                   PostArrays::n_bytes(impl.field) <= options.in_memory_bytes;
+  if (is_packed) {
+    const auto merged = impl.merge_into_pages(mosaic, n_workers, *falloff, progress);
+    if (!merged) return tl::unexpected(merged.error());
+    is_packed = *merged;
+  }
+  if (!is_packed) {
+    if (auto made = impl.make_arrays(options); !made) return tl::unexpected(made.error());
+    if (auto merged = impl.merge_into_arrays(mosaic, n_workers, progress); !merged) {
+      return tl::unexpected(merged.error());
+    }
+  }
   if (impl.counts.source == 0) {
     return fail(
         ErrorKind::kInvalidInput,
@@ -218,18 +298,18 @@ Result<HeightGrid> HeightGrid::load(const RasterMosaic& mosaic, const Lattice& l
   auto suspicions = mosaic.suspicions();
   if (!suspicions) return tl::unexpected(suspicions.error());
   impl.notes.insert(impl.notes.end(), suspicions->begin(), suspicions->end());
-  impl.counts.filled = fill_interior_voids(impl.grid, impl.frame);
+  if (!is_packed) impl.counts.filled = fill_interior_voids(impl.grid, impl.frame);
   if (progress) progress(0.8);
   impl.counts.falloff = add_falloff(impl.grid, options.base_height_m, *falloff, options.threads);
 
   HeightField& field = impl.field;
-  const double height = static_cast<double>(lattice.height());
-  const double north_gap = height - field.post_y(field.n_rows - 1);
-  field.continues_south = field.y0 <= field.dy * (1 + 1e-9);
-  field.continues_north = north_gap <= field.dy * (1 + 1e-9);
   if (field.continues_south) field.south_pole_m = impl.settle_pole(0, field.y0 <= 0.5);
-  if (field.continues_north) field.north_pole_m = impl.settle_pole(field.n_rows - 1, north_gap <= 0.5);
-  impl.arrays.build_blocks(field, options.threads, options.cancel);
+  if (field.continues_north) field.north_pole_m = impl.settle_pole(field.n_rows - 1, impl.north_gap() <= 0.5);
+  if (is_packed) {
+    impl.packed->attach(field, options.threads, options.cancel);
+  } else {
+    impl.arrays.build_blocks(field, options.threads, options.cancel);
+  }
   if (is_set(options.cancel)) return interrupted();
   if (progress) progress(1.0);
   return result;

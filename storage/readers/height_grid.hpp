@@ -22,6 +22,8 @@ struct HeightGridOptions {
   /// Posts of up to so many bytes, blocks included, are held in memory and get blocks on demand: for who looks at few
   /// of them.
   std::uint64_t in_memory_bytes = 0;
+  /// Those may be pages at once: nobody reads arrays.
+  bool may_be_pages = false;
   CancelFlag cancel = nullptr;  ///< Set: load() stops within a second.
 };
 

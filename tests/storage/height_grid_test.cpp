@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <atomic>
+#include <bit>
 #include <cmath>
 #include <cstring>
 #include <filesystem>
@@ -192,6 +193,140 @@ TEST_F(HeightGridTest, PostsInMemoryAndInPagesAndTheirBlocksAreThoseOfFiles) {
   auto grid = HeightGrid::load(*mosaic, lattice, {-5, 10, folder_.string(), 2, n_bytes}, {});
   ASSERT_TRUE(grid);
   EXPECT_TRUE(has_own_blocks(grid->field()));
+}
+
+// All that two fields say of their grid's posts.
+void expect_same_posts(const HeightField& a, const HeightField& b) {
+  ASSERT_EQ(a.n_rows, b.n_rows);
+  ASSERT_EQ(a.n_cols, b.n_cols);
+  const auto bits = [](double height_m) { return std::bit_cast<std::uint64_t>(height_m); };
+  for (std::int64_t r = 0; r < a.n_rows; ++r) {
+    for (std::int64_t c = 0; c < a.n_cols; ++c) {
+      ASSERT_EQ(bits(a.height_at(r, c)), bits(b.height_at(r, c))) << r << ' ' << c;
+      ASSERT_EQ(a.origin_at(r, c), b.origin_at(r, c)) << r << ' ' << c;
+      const HeightField::Posts one = a.posts_from(r, c), other = b.posts_from(r, c);
+      ASSERT_EQ(bits(static_cast<double>(*one.heights_m)), bits(static_cast<double>(*other.heights_m)));
+      ASSERT_EQ(*one.origins, *other.origins) << r << ' ' << c;
+    }
+  }
+  ASSERT_EQ(a.blocks->n_levels(), b.blocks->n_levels());
+  for (int level = 0; level < a.blocks->n_levels(); ++level) {
+    for (std::int64_t i = 0; i < a.blocks->n_block_rows(level); ++i) {
+      for (std::int64_t j = 0; j < a.blocks->n_block_cols(level); ++j) {
+        if (level >= a.blocks->most_level_at_once()) {
+          const PostSummary one = a.blocks->summary(level, i, j), other = b.blocks->summary(level, i, j);
+          EXPECT_EQ(one.min_height_m, other.min_height_m) << level << ' ' << i << ' ' << j;
+          EXPECT_EQ(one.max_height_m, other.max_height_m) << level << ' ' << i << ' ' << j;
+          EXPECT_EQ(one.n_source, other.n_source) << level << ' ' << i << ' ' << j;
+          EXPECT_EQ(one.origins, other.origins) << level << ' ' << i << ' ' << j;
+        }
+        const PostBlock one = a.blocks->block(level, i, j), other = b.blocks->block(level, i, j);
+        EXPECT_EQ(std::memcmp(&one, &other, sizeof one), 0) << level << ' ' << i << ' ' << j;
+        const PostBlockSums sums = a.blocks->sums(level, i, j), others = b.blocks->sums(level, i, j);
+        EXPECT_EQ(std::memcmp(&sums, &others, sizeof sums), 0) << level << ' ' << i << ' ' << j;
+      }
+    }
+  }
+}
+
+TEST_F(HeightGridTest, PackedPostsAndTheirBlocksAreThoseOfArrays) {
+  constexpr std::uint64_t kEnough = std::uint64_t{1} << 30;
+  const auto hill = [](int r, int c) { return 40 * std::sin(0.1 * r) + 30 * std::cos(0.07 * c); };
+  using Height = std::function<double(int, int)>;
+  const std::vector<std::pair<const char*, Height>> kinds = {
+      {"whole metres", [&](int r, int c) { return std::round(hill(r, c)); }},
+      {"quarters", [&](int r, int c) { return std::round(4 * hill(r, c)) / 4; }},
+      {"all kinds", hill},
+      {"a few others", [&](int r, int c) { return std::round(hill(r, c)) + (r == 77 && c == 30 ? 0.1 : 0); }},
+      {"zeros below zero", [](int r, int c) { return (r + c) % 3 == 0 ? -0.0 : 0.0; }},
+      {"the least and the most", [](int r, int c) { return (r + c) % 2 == 0 ? -4096 : 12287.75; }},
+      {"deep and high", [](int r, int c) { return r < 40   ? -4096.25
+                                                  : c < 40 ? 12288
+                                                           : r - 2.0 * c; }},
+  };
+  Lattice lattice;
+  lattice.level = 8;
+  for (const auto& [name, height] : kinds) {
+    for (const auto& [n_rows, n_cols] : {std::pair(150, 133), std::pair(64, 200), std::pair(3, 2)}) {
+      const std::string path = (folder_ / "posts.flt").string();
+      std::ofstream file(path, std::ios::binary);
+      for (int r = n_rows - 1; r >= 0; --r) {
+        for (int c = 0; c < n_cols; ++c) {
+          const auto value = static_cast<float>(height(r, c));
+          file.write(reinterpret_cast<const char*>(&value), sizeof value);
+        }
+      }
+      file.close();
+      write("posts.hdr", fmt::format("ncols {}\nnrows {}\nxllcenter 10\nyllcenter 45\ncellsize 0.01\nbyteorder "
+                                     "LSBFIRST\n",
+                                     n_cols, n_rows));
+      const auto mosaic = RasterMosaic::open({path}, {});
+      ASSERT_TRUE(mosaic) << mosaic.error().message;
+      for (const int falloff : {1, 8, 70}) {
+        for (const int threads : {1, 3}) {
+          const auto from = [&](bool may_be_pages) {
+            return HeightGrid::load(*mosaic, lattice, {-5, falloff, folder_.string(), threads, kEnough, may_be_pages},
+                                    {});
+          };
+          const auto arrays = from(false), pages = from(true);
+          ASSERT_TRUE(arrays && pages) << (arrays ? pages.error().message : arrays.error().message);
+          ASSERT_EQ(arrays->field().pages, nullptr);
+          // Where two columns are nothing but a rim, arrays are as good.
+          EXPECT_EQ(pages->field().pages != nullptr, n_cols > 2) << name << ' ' << falloff;
+          SCOPED_TRACE(fmt::format("{}, {} columns, falloff {}, {} threads", name, n_cols, falloff, threads));
+          expect_same_posts(arrays->field(), pages->field());
+          EXPECT_EQ(arrays->counts().source, pages->counts().source);
+          EXPECT_EQ(arrays->counts().falloff, pages->counts().falloff);
+          EXPECT_EQ(arrays->notes(), pages->notes());
+          if (HasFailure()) return;
+          if (pages->field().pages == nullptr) continue;
+          // Windows anywhere, as many of them as touch pages' ends in all ways.
+          const HeightField &f = arrays->field(), &p = pages->field();
+          for (const std::int64_t side : {1, 9, 64, 65, 130}) {
+            for (std::int64_t r = 0; r + side <= f.n_rows; r += 13) {
+              for (std::int64_t c = 0; c + side <= f.n_cols; c += 17) {
+                std::vector<float> heights(static_cast<std::size_t>(side * side));
+                std::vector<PostOrigin> origins(heights.size());
+                p.pages->copy(r, c, side, side, heights.data(), origins.data());
+                for (std::int64_t k = 0; k < side; ++k) {
+                  const std::int64_t at = (r + k) * f.n_cols + c;
+                  ASSERT_EQ(std::memcmp(&heights[static_cast<std::size_t>(k * side)], f.heights_m + at,
+                                        static_cast<std::size_t>(side) * sizeof(float)),
+                            0);
+                  ASSERT_TRUE(std::equal(f.origins + at, f.origins + at + side, origins.begin() + k * side));
+                }
+              }
+            }
+          }
+        }
+      }
+    }
+  }
+}
+
+TEST_F(HeightGridTest, PostsAreNotPackedWhereARimIsNotAllThatIsVoid) {
+  constexpr std::uint64_t kEnough = std::uint64_t{1} << 30;
+  Lattice lattice;
+  lattice.level = 8;
+  const auto grid_of = [&](const std::string& path, std::uint64_t in_memory_bytes) {
+    const auto mosaic = RasterMosaic::open({path}, {});
+    EXPECT_TRUE(mosaic) << mosaic.error().message;
+    return HeightGrid::load(*mosaic, lattice, {-5, 8, folder_.string(), 2, in_memory_bytes, true}, {}).value();
+  };
+  const auto plain = [](int r, int c) { return number(r + c); };
+  const auto whole = write_grid("whole.asc", 10, 45, 0.01, 90, 80, plain);
+  EXPECT_NE(grid_of(whole, kEnough).field().pages, nullptr);
+  EXPECT_EQ(grid_of(whole, 0).field().pages, nullptr);
+  for (const auto& [row, col] : {std::pair(0, 0), std::pair(89, 79), std::pair(40, 40)}) {
+    const auto path = write_grid("void.asc", 10, 45, 0.01, 90, 80,
+                                 [&](int r, int c) { return r == row && c == col ? "-9999" : number(r + c); });
+    const HeightGrid grid = grid_of(path, kEnough);
+    EXPECT_EQ(grid.field().pages, nullptr);
+    EXPECT_EQ(grid.counts().source, 90u * 80u - 1);
+    EXPECT_EQ(grid.counts().filled, row == 40 ? 1u : 0u);
+  }
+  EXPECT_EQ(grid_of(write_grid("pole.asc", 10, 89.5, 0.01, 50, 60, plain), kEnough).field().pages, nullptr);
+  EXPECT_EQ(grid_of(write_grid("ring.asc", -180, 20, 4, 10, 90, plain), kEnough).field().pages, nullptr);
 }
 
 TEST_F(HeightGridTest, LoadingStopsWhenItIsToldTo) {
