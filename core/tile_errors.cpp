@@ -152,6 +152,17 @@ class TileErrors::Buckets {
     };
     std::vector<Cells> met(n_triangles);
     first_.assign(side * side + 1, 0);
+    // Of the posts of cells that are wanted.
+    constexpr auto kMost = std::numeric_limits<double>::max();
+    double south = kMost, north = -kMost, west = kMost, east = -kMost;
+    for (std::size_t cell = 0; cell < wanted.size(); ++cell) {
+      if (!wanted[cell]) continue;
+      const std::size_t j = cell / side, i = cell % side;
+      south = std::min(south, static_cast<double>(lines.rows[j]));
+      north = std::max(north, static_cast<double>(lines.rows[j + 1]));
+      west = std::min(west, static_cast<double>(lines.cols[i]));
+      east = std::max(east, static_cast<double>(lines.cols[i + 1]));
+    }
     const auto for_cells = [&](std::size_t k, auto visit) {
       for (std::size_t j = met[k].row; j < met[k].row_end; ++j) {
         for (std::size_t i = met[k].col; i < met[k].col_end; ++i) {
@@ -161,6 +172,10 @@ class TileErrors::Buckets {
     };
     for (std::size_t k = 0; k < n_triangles; ++k) {
       const TriangleInPosts in(errors.plan_of(errors.triangles_[k]), w);
+      if (in.north() < south - 2 || in.south() > north + 2 || in.east() < west - 2 || in.west() > east + 2) {
+        met[k] = {};
+        continue;
+      }
       const auto [row, row_end] = range(lines.rows, in.south(), in.north());
       const auto [col, col_end] = range(lines.cols, in.west(), in.east());
       met[k] = {row, row_end, col, col_end};

@@ -37,8 +37,7 @@ class TileRefiner {
     begin(field, task, false);
     TileSurface surface;
     triangulate(threads, surface);
-    const TileErrors errors = errors_of(surface);
-    errors.measure(task.n_cell_levels, threads, nullptr, surface);
+    errors_of(extractor_.vertices(), surface.triangles).measure(task.n_cell_levels, threads, nullptr, surface);
     if (task.n_cell_levels > 0 && can_be_repeated(field)) {
       posts_.find_posts_of(surface.interior, of_vertices_);
       surface.vertex_posts = {scanner_.served_step_m(), of_vertices_.heights_m};
@@ -55,6 +54,9 @@ class TileRefiner {
     TileErrors::Known known{earlier.cells, std::vector<bool>(earlier.cells.size())};
     std::vector<PlanBox> changed;
     for (const TileKey& key : earlier.changed) add_changed(key, changed, known.is_changed);
+    // Where the earlier mesh is too far from a changed post now, there is nothing to repeat.
+    TileSurface measured;
+    if (!measure_earlier(earlier, threads, known, measured)) return {};
     if (!posts_.restrict_to(of_vertices_, changed)) return {};
     TileSurface surface;
     earlier_ = &earlier;
@@ -69,7 +71,10 @@ class TileRefiner {
                     earlier.triangles.end())) {
       return {};
     }
-    errors_of(surface).measure(task.n_cell_levels, threads, &known, surface);
+    surface.stats.n_posts = measured.stats.n_posts;
+    surface.stats.max_error_m = measured.stats.max_error_m;
+    surface.stats.rmse_m = measured.stats.rmse_m;
+    surface.cells = std::move(measured.cells);
     surface.vertex_posts = std::move(vertex_posts);
     return surface;
   }
@@ -107,15 +112,34 @@ class TileRefiner {
     return true;
   }
 
-  TileErrors errors_of(const TileSurface& surface) const {
+  TileErrors errors_of(std::span<const Mesh::Vertex> vertices, std::span<const Triangle> triangles) const {
     const bool at_pole = task_->key.y + 1 == TileKey::count_y(task_->key.level);
     return {posts_,
             scanner_,
-            extractor_.vertices(),
-            surface.triangles,
+            vertices,
+            triangles,
             static_cast<double>(side_),
             at_pole,
             SquareQuantum::of_scale(task_->tolerance_m)};
+  }
+
+  // Measures the earlier mesh at today's posts. False: it is not within the tolerance at a post that may have changed,
+  // or is no mesh of the task's ring.
+  bool measure_earlier(const EarlierTile& earlier, int threads, const TileErrors::Known& known, TileSurface& surface) {
+    earlier_vertices_.clear();
+    const auto add = [this](const LocalVertex& v) {
+      earlier_vertices_.push_back({static_cast<double>(v.x), static_cast<double>(v.y), v.z, Mesh::kNone});
+    };
+    for (const auto& border : task_->borders) std::for_each(border.begin(), border.end(), add);
+    std::for_each(earlier.interior.begin(), earlier.interior.end(), add);
+    for (const Triangle& t : earlier.triangles) {
+      if (std::max({t[0], t[1], t[2]}) >= earlier_vertices_.size()) return false;
+    }
+    errors_of(earlier_vertices_, earlier.triangles).measure(task_->n_cell_levels, threads, &known, surface);
+    for (std::size_t k = 0; k < surface.cells.size(); ++k) {
+      if (known.is_changed[k] && static_cast<double>(surface.cells[k].largest_m) > task_->tolerance_m) return false;
+    }
+    return true;
   }
 
   // A descendant's box, and the cells that it meets.
@@ -346,6 +370,7 @@ class TileRefiner {
   std::vector<Scanned> scanned_;  // per face
   ErrorQueue queue_;
   const EarlierTile* earlier_ = nullptr;  // while it is repeated
+  std::vector<Mesh::Vertex> earlier_vertices_;
   TilePosts::OfVertices of_vertices_;
   std::vector<std::uint32_t> order_;
 };

@@ -12,12 +12,17 @@ ContentHash::Kind ContentHash::kind_of(std::string_view text) {
   return text.size() == kFnv1aDigits ? Kind::kFnv1a : Kind::kXxh3;
 }
 
-void ContentHash::add(ByteView bytes) {
-  if (kind_ == Kind::kFnv1a) {
-    old_.add(bytes);
-  } else {
-    digest_.add(bytes.data(), bytes.size());
-  }
+ContentHash::ValueDigest ContentHash::digest_of(ByteView value) { return digest_of_bytes(value.data(), value.size()); }
+
+void ContentHash::add(ByteView key, ByteView value) {
+  if (kind_ != Kind::kFnv1a) return add(key, digest_of(value));
+  old_.add(key);
+  old_.add(value);
+}
+
+void ContentHash::add(ByteView key, const ValueDigest& value) {
+  digest_.add(key.data(), key.size());
+  digest_.add(value.data(), value.size());
 }
 
 std::string ContentHash::hex() const {

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
+#include <array>
+#include <cstdint>
 #include <string>
 #include <string_view>
 
@@ -22,8 +24,14 @@ class ContentHash {
   static Kind kind_of(std::string_view text);
 
   explicit ContentHash(Kind kind) : kind_(kind) {}
-  /// Any stretch of the file's keys and values: only their order counts, not where one ends.
-  void add(ByteView bytes);
+  /// What kXxh3 takes for a value. Pure, thread safe.
+  using ValueDigest = std::array<std::uint8_t, 16>;
+  static ValueDigest digest_of(ByteView value);
+
+  /// The next piece. kXxh3 is the hash of keys and values' digests, kFnv1a of keys and values.
+  void add(ByteView key, ByteView value);
+  /// The same by the value's digest. Precondition: kXxh3.
+  void add(ByteView key, const ValueDigest& value);
   /// Of all that was added, as lower-case hexadecimal digits.
   std::string hex() const;
 

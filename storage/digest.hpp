@@ -30,4 +30,7 @@ class Digest {
   std::unique_ptr<XXH3_state_s, Free> state_;
 };
 
+/// Digest of one stretch of bytes. Pure, thread safe.
+std::array<std::uint8_t, 16> digest_of_bytes(const void* data, std::size_t n_bytes);
+
 }  // namespace tind

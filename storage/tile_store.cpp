@@ -261,8 +261,7 @@ Result<std::string> content_hash(const TileStore::Snapshot& snapshot, ContentHas
     if (!piece) return tl::unexpected(piece.error());
     if (!*piece) return hash.hex();
     if ((*piece)->key.kind == PieceKind::kInputs) continue;
-    hash.add(piece_key_bytes((*piece)->key));
-    hash.add((*piece)->value);
+    hash.add(piece_key_bytes((*piece)->key), (*piece)->value);
   }
 }
 
@@ -370,8 +369,7 @@ Result<void> TileStoreWriter::append(const PieceKey& key, ByteView value) {
   const bool is_earlier = impl_->last_earlier && bytes <= *impl_->last_earlier;
   if (auto done = impl_->put(bytes, value, is_earlier); !done) return done;
   if (key.kind != PieceKind::kInputs) {
-    impl_->hash.add(bytes);
-    impl_->hash.add(value);
+    impl_->hash.add(bytes, value);
   }
   if (!impl_->places.add(value.size())) return {};
   if (is_earlier) return {};  // the earlier writer committed here

@@ -7,8 +7,10 @@
 #include <iterator>
 #include <map>
 #include <memory>
+#include <new>
 #include <set>
 #include <span>
+#include <thread>
 #include <tuple>
 #include <utility>
 #include <vector>
@@ -38,7 +40,9 @@ constexpr std::size_t kMostChanged = 64;
 constexpr std::size_t kMostTiles = 512;
 // Pieces that are read and counted at a time.
 constexpr std::size_t kPiecesAtOnce = 1024;
-// Bytes of them beyond which their pages are given back: they come in faster than a ResidentLimit looks.
+// Pieces that are read ahead of their counting, at most.
+constexpr std::size_t kMostAhead = std::size_t{1} << 16;
+// Bytes of pieces beyond which their pages are given back: they come in faster than a ResidentLimit looks.
 constexpr std::size_t kMostBytesAtOnce = std::size_t{64} << 20;
 // Share of the work that comes before it.
 constexpr double kReadShare = 0.5;
@@ -108,12 +112,20 @@ class PyramidPatcher {
       for (TileKey tile = bottom; tiles.insert(tile).second && tile.level > 0;) tile = tile.parent();
       for (const RootEdge& root : reach_.roots_at(bottom)) add_root(root, tiles);
     }
-    // All at once, as if all meshes above stayed what they are, which is nearly always so.
+    // All at once, as if all meshes above stayed what they are, which is nearly always so. Those below a tile that is
+    // built in any case wait for it.
+    std::vector<Tiles> again(static_cast<std::size_t>(bottom_level_) + 1);
+    for (const TileKey& bottom : changed_) {
+      for (TileKey tile = bottom; tile.level > 0 && maker_.n_cell_levels(tile.level - 1) == 0; tile = tile.parent()) {
+        tiles.erase(tile);
+        again[tile.level].insert(tile);
+      }
+    }
     auto made = make(tiles);
     if (!made || !*made) return made;
     if (!is_same_world()) return false;
     // Then again what lies below a mesh that did not.
-    std::vector<Tiles> again(static_cast<std::size_t>(bottom_level_) + 1);
+    if (input_.threads > 1) ahead_thread_ = std::jthread([this] { read_ahead(); });
     for (int level = 0; level < bottom_level_; ++level) {
       made = make(again[static_cast<std::size_t>(level)]);
       if (!made || !*made) return made;
@@ -137,9 +149,14 @@ class PyramidPatcher {
 
   // Counts all pieces: those that were made, and the earlier ones.
   Result<PyramidOutcome> count() {
+    if (ahead_thread_.joinable()) ahead_thread_.join();
     std::vector<Entry> entries;
+    auto next = ahead_.begin();
     auto done = pieces_->for_all([&](const PieceKey& key, ByteView value) -> Result<void> {
-      entries.push_back(entry_of(key, value));
+      const bool is_ahead = next != ahead_.end() && next->key == key;
+      const bool is_new = pieces_->find(key).has_value();
+      entries.push_back(is_ahead && !is_new ? std::move(*next) : entry_of(key, value, is_new));
+      if (is_ahead) ++next;
       return entries.size() < kPiecesAtOnce ? Result<void>() : count(entries);
     });
     if (done) done = count(entries);
@@ -350,17 +367,20 @@ class PyramidPatcher {
     }
   }
 
+  // A piece on its way into the level's figures and the content hash.
   struct Entry {
     PieceKey key;
     ByteView value, inputs;  // inputs: of a body that was not made
+    bool is_new = false, is_read = false;
+    ContentHash::ValueDigest digest{};
     Result<TileFigures> tile;
     Result<BorderFigures> border;
   };
-  Entry entry_of(const PieceKey& key, ByteView value) const {
-    Entry entry{key, value, {}, {}, {}};
+  Entry entry_of(const PieceKey& key, ByteView value, bool is_new) const {
+    Entry entry{key, value, {}, is_new, false, {}, {}, {}};
     if (key.kind != PieceKind::kBody) return entry;
     const TileKey tile{key.level, key.i, key.j};
-    if (const auto made = made_.find(tile); made != made_.end()) {
+    if (const auto made = made_.find(tile); is_new && made != made_.end()) {
       entry.tile = made->second.figures;
     } else {
       entry.inputs = earlier_.snapshot.find(inputs_of(tile)).value_or(ByteView());
@@ -368,24 +388,55 @@ class PyramidPatcher {
     return entry;
   }
 
+  // Finds what a piece counts for. Thread safe for different entries.
+  void read(Entry& entry) const {
+    if (entry.is_read) return;
+    entry.is_read = true;
+    if (entry.key.kind == PieceKind::kInputs) return;
+    entry.digest = ContentHash::digest_of(entry.value);
+    if (entry.key.kind != PieceKind::kBody) {
+      entry.border = maker_.figures_of(entry.key, entry.value);
+    } else if (!entry.inputs.empty()) {
+      entry.tile = TileMaker::figures_of({entry.value, entry.inputs, {}});
+      if (entry.tile) entry.tile->made_of.cells = {};  // room for many
+    }
+  }
+
+  // Reads earlier pieces while tiles are made one after the other and a processor has nothing to do. A piece that turns
+  // out to be another one is read again.
+  void read_ahead() try {
+    const auto snapshot = earlier_.store.snapshot();
+    if (!snapshot) return;
+    TileStore::Cursor cursor(*snapshot);
+    while (ahead_.size() < kMostAhead && !cancelled()) {
+      const auto piece = cursor.next();
+      if (!piece || !*piece) return;
+      const PieceKey& key = (*piece)->key;
+      // The views outlive the snapshot: it is the same file in memory.
+      Entry entry{key, (*piece)->value, {}, false, false, {}, {}, {}};
+      if (key.kind == PieceKind::kBody) {
+        entry.inputs = snapshot->find(inputs_of({key.level, key.i, key.j})).value_or(ByteView());
+      }
+      read(entry);
+      ahead_.push_back(std::move(entry));
+    }
+  } catch (const std::bad_alloc&) {  // what is there is of use
+  }
+
   // Counts pieces, which come in order, and takes them away.
   Result<void> count(std::vector<Entry>& entries) {
     constexpr std::size_t kAtOnce = 32;
-    const std::size_t n = (entries.size() + kAtOnce - 1) / kAtOnce;
+    const bool are_read = std::all_of(entries.begin(), entries.end(), [](const Entry& entry) { return entry.is_read; });
+    const std::size_t n = are_read ? 0 : (entries.size() + kAtOnce - 1) / kAtOnce;
     for_each_job(run(), static_cast<std::int64_t>(n), [&](int, std::int64_t job) {
       const std::size_t begin = static_cast<std::size_t>(job) * kAtOnce;
-      for (std::size_t k = begin; k < std::min(begin + kAtOnce, entries.size()); ++k) {
-        Entry& entry = entries[k];
-        if (entry.key.kind == PieceKind::kBody && !entry.inputs.empty()) {
-          entry.tile = TileMaker::figures_of({entry.value, entry.inputs, {}});
-          if (entry.tile) entry.tile->copied = !looked_at_.contains({entry.key.level, entry.key.i, entry.key.j});
-        } else if (entry.key.kind < PieceKind::kBody) {
-          entry.border = maker_.figures_of(entry.key, entry.value);
-        }
-      }
+      for (std::size_t k = begin; k < std::min(begin + kAtOnce, entries.size()); ++k) read(entries[k]);
     });
     if (cancelled()) return fail(ErrorKind::kInterrupted, "interrupted");
-    for (const Entry& entry : entries) {
+    for (Entry& entry : entries) {
+      if (entry.key.kind == PieceKind::kBody && !entry.is_new && entry.tile) {
+        entry.tile->copied = !looked_at_.contains({entry.key.level, entry.key.i, entry.key.j});
+      }
       if (auto done = count(entry); !done) return done;
       n_unreleased_bytes_ += entry.value.size();
     }
@@ -412,9 +463,8 @@ class PyramidPatcher {
       if (!entry.border) return tl::unexpected(entry.border.error());
       counter_->add_border_piece(key, *entry.border, entry.value.size());
     }
-    hash_.add(piece_key_bytes(key));
-    hash_.add(entry.value);
-    if (pieces_->find(key) && !earlier_.has(key, entry.value)) outcome_.changed.push_back(key);
+    hash_.add(piece_key_bytes(key), entry.digest);
+    if (entry.is_new && !earlier_.has(key, entry.value)) outcome_.changed.push_back(key);
     return {};
   }
 
@@ -451,6 +501,8 @@ class PyramidPatcher {
   std::optional<LevelCounter> counter_;  // of that level
   ContentHash hash_{ContentHash::Kind::kXxh3};
   PyramidOutcome outcome_;
+  std::vector<Entry> ahead_;  // the thread's until it is joined
+  std::jthread ahead_thread_;
 };
 
 }  // namespace

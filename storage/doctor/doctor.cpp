@@ -138,8 +138,7 @@ class Doctor {
           }
           ++report_.n_pieces;
           if (piece->kind != PieceKind::kInputs) {
-            hash.add(key);
-            hash.add(value);
+            hash.add(key, value);
           } else {
             has_inputs_ = true;
           }

@@ -82,8 +82,7 @@ void DamagedStore::renew_hash(ContentHash::Kind kind) {
   for (const auto& [key, value] : records_) {
     const auto piece = parse_piece_key(key);
     if (!piece || piece->kind == PieceKind::kInputs) continue;
-    hash.add(key);
-    hash.add(value);
+    hash.add(key, value);
     n_bytes[key[0]] += value.size();
   }
   change_manifest([&](nlohmann::json& json) {
