@@ -33,6 +33,26 @@ bool is_sealed(ByteView record, ByteReader& end) {
   return record.size() > sizeof hash && hash == value_hash(record.first(record.size() - sizeof hash));
 }
 
+// False where there is no such body.
+bool read_body(ByteReader& in, TileInputs& inputs) {
+  const auto has_body = in.fixed<std::uint8_t>();
+  if (has_body == 0) return true;
+  BodySummary body;
+  const auto coverage = in.fixed<std::uint8_t>();
+  body.stats.coverage = static_cast<TileCoverage>(coverage);
+  body.stats.min_z = in.fixed<std::int32_t>();
+  body.stats.max_z = in.fixed<std::int32_t>();
+  body.stats.n_posts = in.uvarint();
+  body.stats.max_error_m = in.fixed<float>();
+  body.stats.rmse_m = in.fixed<float>();
+  body.n_interior = in.uvarint();
+  body.n_triangles = in.uvarint();
+  const auto is_error = [](float error_m) { return std::isfinite(error_m) && error_m >= 0; };
+  inputs.body = body;
+  return has_body == 1 && coverage <= static_cast<std::uint8_t>(TileCoverage::kReal) &&
+         is_error(body.stats.max_error_m) && is_error(body.stats.rmse_m);
+}
+
 // False where no builder can have measured that.
 bool read_cells(ByteReader& in, bool has_runs, TileInputs& inputs) {
   inputs.n_cell_levels = in.fixed<std::uint8_t>();
@@ -69,6 +89,18 @@ Bytes encode_inputs(const TileInputs& inputs) {
        {inputs.n_inserted, inputs.n_of_lines, inputs.n_outside, inputs.n_line_pieces, inputs.n_left_out}) {
     out.uvarint(n);
   }
+  out.fixed(static_cast<std::uint8_t>(inputs.body ? 1 : 0));
+  if (inputs.body) {
+    const TileStats& stats = inputs.body->stats;
+    out.fixed(static_cast<std::uint8_t>(stats.coverage));
+    out.fixed(stats.min_z);
+    out.fixed(stats.max_z);
+    out.uvarint(stats.n_posts);
+    out.fixed(stats.max_error_m);
+    out.fixed(stats.rmse_m);
+    out.uvarint(inputs.body->n_interior);
+    out.uvarint(inputs.body->n_triangles);
+  }
   out.fixed(inputs.n_cell_levels);
   if (inputs.n_cell_levels == 0) return sealed(out.take());
   out.fixed(inputs.vertex_posts);
@@ -101,7 +133,7 @@ Result<TileInputs> decode_inputs(ByteView record) {
        {&inputs.n_inserted, &inputs.n_of_lines, &inputs.n_outside, &inputs.n_line_pieces, &inputs.n_left_out}) {
     *n = in.uvarint();
   }
-  const bool sound = tag == kFirstTag || ((tag == kSecondTag || tag == kInputsTag) &&
+  const bool sound = tag == kFirstTag || ((tag == kSecondTag || (tag == kInputsTag && read_body(in, inputs))) &&
                                           read_cells(in, tag == kInputsTag, inputs) && is_sealed(record, in));
   if (!sound || !in.finished()) return fail(ErrorKind::kCorrupt, "broken inputs record");
   return inputs;

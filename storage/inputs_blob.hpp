@@ -3,11 +3,13 @@
 
 #include <array>
 #include <cstdint>
+#include <optional>
 #include <vector>
 
 #include "core/format/bytes.hpp"
 #include "core/result.hpp"
 #include "core/virtual_node.hpp"
+#include "storage/piece_blob.hpp"
 
 namespace tind {
 
@@ -23,6 +25,8 @@ struct TileInputs {
   std::uint64_t n_outside = 0;      ///< Interior vertices beyond the data.
   std::uint64_t n_line_pieces = 0;  ///< Pieces of break lines that the tile held to.
   std::uint64_t n_left_out = 0;     ///< Of those, pieces that crossed another.
+  /// What the body has, so that it need not be unpacked to be counted; builders before 0.6.0 left it out.
+  std::optional<BodySummary> body;
   /// What tells that other posts make the same mesh (docs/decisions/0013): the errors of 2^n x 2^n cells, and a digest
   /// of VertexPosts and of the grid. n = 0: nothing of it is known, and `cells` is empty.
   std::uint8_t n_cell_levels = 0;

@@ -23,6 +23,7 @@ Result<TileBody> decode_body(ByteView record);
 struct BodySummary {
   TileStats stats;
   std::uint64_t n_interior = 0, n_triangles = 0;
+  friend bool operator==(const BodySummary&, const BodySummary&) = default;
 };
 /// Only that, from a body's stored VALUE: unpacks a block of it at most. Damage behind it goes unseen.
 Result<BodySummary> decode_body_summary(ByteView value);

@@ -204,13 +204,20 @@ class Build {
     if (auto ok = check_output(options_.output, options_.force || options_.resume); !ok) return stop(ok);
     if (auto ok = check_lines_out(options_); !ok) return stop(ok);
     if (auto ok = open_source(); !ok) return stop(ok);
+    if (!is_begun_late()) {
+      if (auto ok = describe_source(); !ok) return stop(ok);
+    }
     if (options_.resume && !goes_on) {
       if (is_complete()) return std::move(report_);
       if (auto ok = check_output(options_.output, options_.force); !ok) return stop(ok);
     }
     if (auto ok = open_earlier(); !ok) return stop(ok);
     if (auto ok = open_output(); !ok) return stop(ok);
-    for (const auto step : {&Build::load_posts, &Build::make_lines, &Build::bound_memory, &Build::build}) {
+    if (!is_begun_late()) {
+      if (auto ok = begin_output(); !ok) return stop(ok);
+    }
+    for (const auto step :
+         {&Build::load_posts, &Build::begin_output, &Build::make_lines, &Build::bound_memory, &Build::build}) {
       if (auto ok = (this->*step)(); !ok) return give_up(ok.error());
     }
     if (auto ok = put_in_place(); !ok) return stop(ok);
@@ -226,7 +233,7 @@ class Build {
   // What is stored stays for a later run.
   tl::unexpected<Error> give_up(Error error) {
     if (error.kind != ErrorKind::kIo && error.kind != ErrorKind::kInterrupted) return tl::unexpected(std::move(error));
-    if (writer_->has_pieces()) {
+    if (writer_ && writer_->has_pieces()) {
       unfinished_->keep();
       error.message += "; what is done is kept: the same command with --resume goes on from there";
     } else {
@@ -244,10 +251,15 @@ class Build {
     limit_.emplace(static_cast<std::uint64_t>(static_cast<double>(options_.memory_bytes) * share), most_bytes_per_ms);
   }
 
+  // An update reads its posts while its input is still hashed. What is gone on with must be known before.
+  bool is_begun_late() const { return !options_.earlier.empty() && !options_.resume; }
+
   // The source, its level table, and what the manifest says of both.
   Result<void> open_source() {
     progress_.update(0, "reading");
-    auto source = ElevationSource::open(options_.source);
+    SourceOptions of_source = options_.source;
+    of_source.raster.hash_later = is_begun_late();
+    auto source = ElevationSource::open(of_source);
     if (!source) return tl::unexpected(source.error());
     source_.emplace(std::move(*source));
     print_notes();
@@ -270,7 +282,12 @@ class Build {
       m.shard_index = options_.shard->index;
       m.shard_count = options_.shard->count;
     }
-    source_->describe(m);
+    return {};
+  }
+
+  Result<void> describe_source() {
+    if (auto hashed = source_->finish_hashing(); !hashed) return hashed;
+    source_->describe(report_.manifest);
     return {};
   }
 
@@ -299,15 +316,22 @@ class Build {
     auto unfinished = UnfinishedOutput::open(options_.output, options_.resume, options_.force);
     if (!unfinished) return tl::unexpected(unfinished.error());
     unfinished_.emplace(std::move(*unfinished));
+    report_.threads =
+        options_.threads > 0 ? options_.threads : static_cast<int>(std::max(1u, std::thread::hardware_concurrency()));
+    const auto folder = std::filesystem::path(options_.output).parent_path();
+    scratch_dir_ = folder.empty() ? "." : folder.string();
+    return {};
+  }
+
+  // Notes what the output is made of, and opens it: the unfinished file is empty until then.
+  Result<void> begin_output() {
+    if (writer_) return {};
+    if (auto described = describe_source(); !described) return described;
     if (auto checked = unfinished_->check_job(job_of(options_, *source_)); !checked) return checked;
     auto writer = TileStoreWriter::go_on(unfinished_->path());
     if (!writer) return tl::unexpected(writer.error());
     writer_.emplace(std::move(*writer));
     if (writer_->has_pieces()) progress_.note(options_.output + ": going on with the interrupted build");
-    report_.threads =
-        options_.threads > 0 ? options_.threads : static_cast<int>(std::max(1u, std::thread::hardware_concurrency()));
-    const auto folder = std::filesystem::path(options_.output).parent_path();
-    scratch_dir_ = folder.empty() ? "." : folder.string();
     return {};
   }
 

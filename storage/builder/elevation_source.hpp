@@ -44,6 +44,9 @@ class ElevationSource {
   /// are mixed.
   static Result<ElevationSource> open(const SourceOptions& options);
 
+  /// As RasterMosaic::finish_hashing; describe() has the hashes of files only then.
+  Result<void> finish_hashing() { return raster_ ? raster_->finish_hashing() : Result<void>(); }
+
   /// Lines for the user; more of them after load().
   const std::vector<std::string>& notes() const { return notes_; }
   double lon_spacing_deg() const { return raster_ ? raster_->lon_spacing_deg : points_->lon_spacing_deg; }

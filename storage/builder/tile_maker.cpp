@@ -136,9 +136,15 @@ Result<MadeTile> TileMaker::take_over(const StoredTile& stored) {
 Result<TileFigures> TileMaker::figures_of(const StoredTile& stored) {
   auto inputs = decode_inputs(stored.inputs);
   if (!inputs) return tl::unexpected(inputs.error());
-  const auto summary = decode_body_summary(stored.body);
-  if (!summary) return tl::unexpected(summary.error());
-  return TileFigures{std::move(*inputs), summary->stats, summary->n_interior, summary->n_triangles};
+  BodySummary body;
+  if (inputs->body) {
+    body = *inputs->body;
+  } else if (const auto summary = decode_body_summary(stored.body); summary) {
+    body = *summary;
+  } else {
+    return tl::unexpected(summary.error());
+  }
+  return TileFigures{std::move(*inputs), body.stats, body.n_interior, body.n_triangles};
 }
 
 // Threads that share a tile: all, where it has so much of the grid that the others would wait for it.
@@ -203,6 +209,7 @@ Result<MadeTile> TileMaker::make(const TileKey& key, std::span<const LocalVertex
       made_of.n_outside += is_outside(field_, side * key.x + v.x, side * key.y + v.y);
     }
   }
+  made_of.body = BodySummary{body.stats, body.interior.size(), body.triangles.size()};
   made_of.n_inserted = surface.n_inserted;
   made_of.n_of_lines = surface.n_of_lines;
   made_of.n_line_pieces = task.constraints.size();

@@ -137,6 +137,14 @@ class TileCheck {
           "vertices",
           inputs->n_inserted, inputs->n_of_lines, inputs->n_outside, inputs->n_line_pieces, inputs->n_left_out, n));
     }
+    if (const BodySummary own{body.stats, n, body.triangles.size()}; inputs->body && *inputs->body != own) {
+      const BodySummary& said = *inputs->body;
+      fault(
+          fmt::format("inputs: the body's summary: {} posts, maximum error {} m, rmse {} m, {} interior vertices, {} "
+                      "triangles; it has {}, {} m, {} m, {}, {}, or its coverage or heights differ",
+                      said.stats.n_posts, said.stats.max_error_m, said.stats.rmse_m, said.n_interior, said.n_triangles,
+                      own.stats.n_posts, own.stats.max_error_m, own.stats.rmse_m, own.n_interior, own.n_triangles));
+    }
     if (!inputs->cells.empty()) check_cells(*inputs, body.stats);
   }
 

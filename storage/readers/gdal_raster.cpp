@@ -45,7 +45,8 @@ struct RasterMosaic::Impl {
     std::optional<PixelTransform> native;
     std::uint64_t used = 0;  ///< Clock of the last reading by `warper`.
   };
-  std::vector<RasterFile> files;  ///< Same order as RasterMosaic::sources.
+  std::vector<RasterFile> files;       ///< Same order as RasterMosaic::sources.
+  std::unique_ptr<FileHashes> hashes;  ///< Null: all are made.
   std::vector<Reader> readers;
   std::optional<VerticalShift> shift;
   Resampling resampling = Resampling::kBilinear;
@@ -145,12 +146,12 @@ Result<void> RasterMosaic::Impl::settle_heights(RasterMosaic& m, const RasterOpt
 
 Result<RasterMosaic> RasterMosaic::open(const std::vector<std::string>& paths, const RasterOptions& options) {
   if (paths.empty()) return fail(ErrorKind::kInvalidInput, "no input raster given");
-  FileHashes hashes(std::max(1, static_cast<int>(std::thread::hardware_concurrency())));
+  auto hashes = std::make_unique<FileHashes>(std::max(1, static_cast<int>(std::thread::hardware_concurrency())));
   // What is a file for sure is hashed while headers are read; of any other name GDAL must tell which file it means.
   std::vector<std::optional<std::size_t>> hash_of(paths.size());
   for (std::size_t i = 0; options.hash_files && i < paths.size(); ++i) {
     VSIStatBufL stat;
-    if (VSIStatL(paths[i].c_str(), &stat) == 0 && VSI_ISREG(stat.st_mode)) hash_of[i] = hashes.add(paths[i]);
+    if (VSIStatL(paths[i].c_str(), &stat) == 0 && VSI_ISREG(stat.st_mode)) hash_of[i] = hashes->add(paths[i]);
   }
   GDALAllRegister();  // takes a while
   if (CPLGetConfigOption("GDAL_CACHEMAX", nullptr) == nullptr) GDALSetCacheMax64(kCacheBytes);
@@ -167,13 +168,17 @@ Result<RasterMosaic> RasterMosaic::open(const std::vector<std::string>& paths, c
   for (const std::string& path : paths) {
     auto file = inspect_raster(path, options, impl->shift ? impl->shift->unit_m() : 1.0);
     if (!file) return tl::unexpected(file.error());
-    if (auto& hash = hash_of[impl->files.size()]; options.hash_files && !hash) hash = hashes.add(file->hashed_name);
+    if (auto& hash = hash_of[impl->files.size()]; options.hash_files && !hash) hash = hashes->add(file->hashed_name);
     impl->files.push_back(std::move(*file));
   }
-  for (std::size_t i = 0; options.hash_files && i < paths.size(); ++i) {
-    auto hash = hashes.wait_for(*hash_of[i]);
-    if (!hash) return tl::unexpected(hash.error());
-    impl->files[i].info.sha256 = std::move(*hash);
+  if (options.hash_files && options.hash_later && paths.size() == 1) {  // of several the order depends on them
+    impl->hashes = std::move(hashes);
+  } else {
+    for (std::size_t i = 0; options.hash_files && i < paths.size(); ++i) {
+      auto hash = hashes->wait_for(*hash_of[i]);
+      if (!hash) return tl::unexpected(hash.error());
+      impl->files[i].info.sha256 = std::move(*hash);
+    }
   }
   RasterMosaic m(std::move(impl));
   auto& files = m.impl_->files;
@@ -203,6 +208,15 @@ Result<RasterMosaic> RasterMosaic::open(const std::vector<std::string>& paths, c
   }
   m.impl_->readers.resize(files.size());
   return m;
+}
+
+Result<void> RasterMosaic::finish_hashing() {
+  if (!impl_->hashes) return {};
+  auto hash = impl_->hashes->wait_for(0);
+  if (!hash) return tl::unexpected(hash.error());
+  impl_->hashes.reset();
+  impl_->files.front().info.sha256 = sources.front().sha256 = std::move(*hash);
+  return {};
 }
 
 Result<void> RasterMosaic::Impl::read_own_as_it_lies(std::size_t index, const PostWindow& window, SourceRows& rows,

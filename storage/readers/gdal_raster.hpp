@@ -25,6 +25,8 @@ struct RasterOptions {
   /// False: files are not read whole to hash them, RasterSource::sha256 is their name, and copies of a file under other
   /// names go unnoticed.
   bool hash_files = true;
+  /// The hash of a single input may be missing until finish_hashing().
+  bool hash_later = false;
 };
 
 /// One input of a mosaic, as the manifest lists it, and where its posts lie in the mosaic's grid.
@@ -72,6 +74,8 @@ class RasterMosaic {
   /// plausible degrees is taken as EPSG:4326 and noted in `notes`). kInvalidInput names the file, what is wrong and
   /// what to try.
   static Result<RasterMosaic> open(const std::vector<std::string>& paths, const RasterOptions& options);
+  /// Waits for hashes that are still made; their sources have a name in their place until then. kIo.
+  Result<void> finish_hashing();
   RasterMosaic(RasterMosaic&&) noexcept;
   RasterMosaic& operator=(RasterMosaic&&) noexcept;
   ~RasterMosaic();

@@ -276,10 +276,11 @@ bool raw_file_is_short(GDALDataset& dataset) {
   return VSIStatL(dataset.GetDescription(), &stat) == 0 && static_cast<vsi_l_offset>(stat.st_size) < needed;
 }
 
-Result<void> open_dataset(RasterFile& s) {
+Result<GDALDatasetUniquePtr> open_dataset(const RasterFile& s) {
   GdalErrors errors;
-  s.dataset.reset(GDALDataset::Open(s.gdal_name.c_str(), GDAL_OF_RASTER | GDAL_OF_READONLY | GDAL_OF_VERBOSE_ERROR));
-  if (s.dataset) return {};
+  GDALDatasetUniquePtr dataset(
+      GDALDataset::Open(s.gdal_name.c_str(), GDAL_OF_RASTER | GDAL_OF_READONLY | GDAL_OF_VERBOSE_ERROR));
+  if (dataset) return dataset;
   VSIStatBufL stat;
   if (VSIStatL(s.info.path.c_str(), &stat) != 0) {
     // A name with a colon may be a GDAL connection string; then GDAL's words say more.
@@ -306,6 +307,9 @@ Result<void> read_frame(RasterFile& s) {
         fmt::format("{}: {} bands; heights are read from band 1", s.info.name, s.dataset->GetRasterCount()));
   }
   if (raw_file_is_short(*s.dataset)) return bad_raster(s, "is truncated: shorter than its header says");
+  int block_width = 0, block_height = 0;
+  s.dataset->GetRasterBand(1)->GetBlockSize(&block_width, &block_height);
+  s.has_row_blocks = block_height == 1;
   if (GDALDataTypeIsComplex(s.dataset->GetRasterBand(1)->GetRasterDataType()))
     return bad_raster(s, "band 1 holds complex numbers, not heights");
 
@@ -350,7 +354,9 @@ Result<RasterFile> inspect_raster(const std::string& path, const RasterOptions& 
     if (!name) return tl::unexpected(name.error());
     s.gdal_name = *name;
   }
-  if (auto ok = open_dataset(s); !ok) return tl::unexpected(ok.error());
+  auto opened = open_dataset(s);
+  if (!opened) return tl::unexpected(opened.error());
+  s.dataset = std::move(*opened);
   GdalErrors errors;
   if (auto ok = read_frame(s); !ok) return tl::unexpected(ok.error());
   if (auto ok = read_crs(s); !ok) return tl::unexpected(ok.error());
@@ -372,12 +378,21 @@ Result<RasterFile> inspect_raster(const std::string& path, const RasterOptions& 
 Result<void> RasterFile::read_window(std::int64_t col, std::int64_t row, std::int64_t n_cols, std::int64_t n_rows,
                                      std::vector<float>& heights_m, std::uint64_t& n_implausible, bool* has_void) {
   std::unique_lock lock(*mutex_);
-  if (!dataset) {
-    if (auto opened = open_dataset(*this); !opened) return opened;
+  // Where rows are blocks of their own each thread has a dataset; else one has a cache of blocks that all need.
+  GDALDatasetUniquePtr taken = std::move(dataset);
+  if (has_row_blocks && !taken && !idle_.empty()) {
+    taken = std::move(idle_.back());
+    idle_.pop_back();
+  }
+  if (has_row_blocks) lock.unlock();
+  if (!taken) {
+    auto opened = open_dataset(*this);
+    if (!opened) return tl::unexpected(opened.error());
+    taken = std::move(*opened);
   }
   GdalErrors errors;
   const auto n_values = static_cast<std::size_t>(n_cols * n_rows);
-  GDALRasterBand& band = *dataset->GetRasterBand(1);
+  GDALRasterBand& band = *taken->GetRasterBand(1);
   // Types whose values a float holds exactly are read as floats.
   const GDALDataType stored = band.GetRasterDataType();
   const bool fits_float = stored == GDT_Byte || stored == GDT_Int16 || stored == GDT_UInt16 || stored == GDT_Float32;
@@ -396,6 +411,12 @@ Result<void> RasterFile::read_window(std::int64_t col, std::int64_t row, std::in
   if (status != CE_None || errors.failed()) {
     return fail(ErrorKind::kIo, fmt::format("{}: reading rows {} to {} failed: the file is truncated or damaged{}",
                                             info.path, row, row + n_rows - 1, errors.detail()));
+  }
+  if (has_row_blocks) lock.lock();
+  if (dataset) {
+    idle_.push_back(std::move(taken));
+  } else {
+    dataset = std::move(taken);
   }
   lock.unlock();
   if (fits_float && !has_mask && scale == 1 && offset == 0) {
@@ -440,6 +461,7 @@ void RasterFile::close_when_read(std::int64_t n_rows) {
   if (n_rows_read_ < info.n_used_rows) return;
   n_rows_read_ = 0;
   dataset.reset();
+  idle_.clear();
 }
 
 CellSigns RasterFile::settle_metres(std::vector<float>& heights_m, std::uint64_t& n_implausible) const {

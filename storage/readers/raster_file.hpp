@@ -51,6 +51,7 @@ struct RasterFile {
   double scale = 1, offset = 0;  ///< metres = raw * scale + offset
   CellSigns signs;
   GDALDatasetUniquePtr dataset;  ///< Open only while rows are read.
+  bool has_row_blocks = false;   ///< Rows can be read apart at no cost, as those of raw files.
 
   /// Whether the file's own posts can be the mosaic's: degrees from Greenwich, columns eastwards, rows northwards or
   /// southwards. Then `west`, `south` (first used post), `dx`, `dy` (positive) in degrees, and `own_grid_notes`.
@@ -64,8 +65,8 @@ struct RasterFile {
   /// Heights in metres of the cells [col, col + n_cols) x [row, row + n_rows), row-major in the file's order, NaN for
   /// voids; replaces `heights_m`. `n_implausible` is increased by the cells beyond +-kMaxHeightM, which are voids too;
   /// `has_void`, unless it is null, tells whether there are any.
-  /// kIo: truncated or damaged. Opens the file if need be. Thread safe: GDAL reads one window at a time, what is left
-  /// to do is done side by side. Precondition: the window lies inside the raster.
+  /// kIo: truncated or damaged. Opens the file if need be. Thread safe: but for has_row_blocks GDAL reads one window at
+  /// a time, what is left to do is done side by side. Precondition: the window lies inside the raster.
   Result<void> read_window(std::int64_t col, std::int64_t row, std::int64_t n_cols, std::int64_t n_rows,
                            std::vector<float>& heights_m, std::uint64_t& n_implausible, bool* has_void = nullptr);
   /// Notes that so many more of the used rows have been read, in any order; closes the file after as many as there are.
@@ -77,7 +78,8 @@ struct RasterFile {
   CellSigns settle_metres(std::vector<float>& heights_m, std::uint64_t& n_implausible) const;
 
   std::unique_ptr<std::mutex> mutex_ = std::make_unique<std::mutex>();  ///< Of dataset and signs while rows are read.
-  std::int64_t n_rows_read_ = 0;                                        ///< Of the used ones.
+  std::vector<GDALDatasetUniquePtr> idle_;  ///< More datasets, of other threads, that none of them reads from now.
+  std::int64_t n_rows_read_ = 0;            ///< Of the used ones.
 };
 
 /// A failure that begins with the file's path.

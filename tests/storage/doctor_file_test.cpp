@@ -174,6 +174,11 @@ TEST_F(DoctorTest, FindsDamagedInputs) {
   change("of_lines", [](TileInputs& i) { i.n_of_lines = 1u << 30; });
   change("outside", [](TileInputs& i) { i.n_outside = 1u << 30; });
   change("left_out", [](TileInputs& i) { i.n_left_out = i.n_line_pieces + 1; });
+  change("interior", [](TileInputs& i) { ++i.body->n_interior; });
+  change("triangles", [](TileInputs& i) { --i.body->n_triangles; });
+  change("posts", [](TileInputs& i) { ++i.body->stats.n_posts; });
+  change("error", [](TileInputs& i) { i.body->stats.max_error_m += 1; });
+  change("height", [](TileInputs& i) { ++i.body->stats.max_z; });
   change("cells' posts", [](TileInputs& i) { i.cells.assign(16, {}), i.n_cell_levels = 2; });
   change("cells' depth", [](TileInputs& i) { i.cells.assign(1024, {}), i.n_cell_levels = 5; });
   const auto raw = [&](const char* field, const std::function<void(Bytes&)>& edit) {

@@ -121,8 +121,21 @@ TEST(InputsRecord, ComesBackAndSurvivesDamage) {
   inputs.n_of_lines = 2;
   inputs.n_outside = std::uint64_t{1} << 40;
   inputs.n_left_out = 1;
+  EXPECT_EQ(decode_inputs(encode_inputs(inputs)).value(), inputs);
+  inputs.body = BodySummary{{TileCoverage::kReal, -70000, 123456, 1u << 20, 9.75f, 2.5f}, 300, 700};
   const Bytes record = encode_inputs(inputs);
   EXPECT_EQ(decode_inputs(record).value(), inputs);
+  for (const float wrong : {-1.0f, std::numeric_limits<float>::infinity(), std::numeric_limits<float>::quiet_NaN()}) {
+    TileInputs bad = inputs;
+    bad.body->stats.max_error_m = wrong;
+    EXPECT_FALSE(decode_inputs(encode_inputs(bad)));
+    bad = inputs;
+    bad.body->stats.rmse_m = wrong;
+    EXPECT_FALSE(decode_inputs(encode_inputs(bad)));
+  }
+  TileInputs bad = inputs;
+  bad.body->stats.coverage = static_cast<TileCoverage>(static_cast<int>(TileCoverage::kReal) + 1);
+  EXPECT_FALSE(decode_inputs(encode_inputs(bad)));
   for (std::size_t n = 0; n < record.size(); ++n) EXPECT_FALSE(decode_inputs(ByteView(record).first(n))) << n;
   Bytes longer = record;
   longer.push_back(0);
@@ -164,12 +177,13 @@ TEST(InputsRecord, HasCellsOrNone) {
   inputs.cells[3] = {70'000, 12.5, 3.25f};
   inputs.cells[15] = {1, 0, 0};
   const Bytes record = encode_inputs(inputs);
-  EXPECT_EQ(record.size(), 33u + 5 + 1 + 8 + 2 * 2 + 15 + 13 + 8);  // empty cells that follow each other are two bytes
+  EXPECT_EQ(record.size(),
+            33u + 5 + 1 + 1 + 8 + 2 * 2 + 15 + 13 + 8);  // empty cells that follow each other are two bytes
   EXPECT_EQ(decode_inputs(record).value(), inputs);
   for (std::size_t n = 0; n < record.size(); ++n) EXPECT_FALSE(decode_inputs(ByteView(record).first(n))) << n;
   for (const int levels : {0, 1, 3, 6, 9, 255}) {
     Bytes other = record;
-    other[38] = static_cast<std::uint8_t>(levels);
+    other[39] = static_cast<std::uint8_t>(levels);
     EXPECT_FALSE(decode_inputs(sealed(other))) << levels;
   }
   for (const double wrong : {-1.0, std::numeric_limits<double>::infinity(), std::nan("")}) {
@@ -212,6 +226,8 @@ TEST(InputsRecord, OfTheSecondKindIsReadAsItWasWritten) {
   const Bytes now = encode_inputs(inputs);  // ..., 0, 14, the last cell, the check
   Bytes record(now.begin(), now.end() - 8 - 13 - 2);
   record[0] = 'J';
+  ASSERT_EQ(record[38], 0);
+  record.erase(record.begin() + 38);  // has_body
   record.insert(record.end(), 15, 0);
   record.insert(record.end(), now.end() - 8 - 13, now.end());
   EXPECT_EQ(decode_inputs(sealed(record)).value(), inputs);
