@@ -52,6 +52,11 @@ class Mesh {
   /// Starts anew with `n_reserved` vertices that are not in the triangulation yet (set them with `vertex`), then makes
   /// the square's two triangles of four of them, counter-clockwise from its south-west corner.
   void reset(double side, std::int32_t n_reserved);
+  /// Makes room for so many vertices at least, and their faces.
+  void make_room(std::size_t n_vertices) {
+    vertices_.reserve(n_vertices);
+    faces_.reserve(2 * n_vertices);
+  }
   void insert_corners(std::int32_t sw, std::int32_t se, std::int32_t ne, std::int32_t nw);
 
   std::int32_t n_vertices() const { return static_cast<std::int32_t>(vertices_.size()); }

@@ -59,6 +59,8 @@ class TileRefiner {
     if (!measure_earlier(earlier, threads, known, measured)) return {};
     if (!posts_.restrict_to(of_vertices_, changed)) return {};
     TileSurface surface;
+    mesh_.make_room(earlier_vertices_.size());
+    scanned_.reserve(2 * earlier_vertices_.size());
     earlier_ = &earlier;
     const bool is_same = triangulate(threads, surface);
     earlier_ = nullptr;

@@ -160,10 +160,11 @@ class TilePosts {
   /// Calls box(extent) for boxes of columns and rows of a window that have all posts within reach of a triangle between
   /// them. Large triangles leave out the blocks of posts of which bound(block, extent) says less than `worst`, which
   /// `box` may raise; the most promising blocks come first. `rows`: of the same triangle, widened by the window's
-  /// reach. Of restricted posts the single ones within reach come as single(r, c, height_m) instead.
-  template <class Bound, class Visit, class Single>
+  /// reach. Of restricted posts the single ones within reach, and promising(r, c, height_m), come as
+  /// single(r, c, height_m) instead.
+  template <class Bound, class Visit, class Promising, class Single>
   void for_promising_boxes(const TriangleInPosts& t, const WidenedRows& rows, const PostWindow& w, const double& worst,
-                           Bound bound, Visit box, Single single) const;
+                           Bound bound, Visit box, Promising promising, Single single) const;
   /// Calls row(r, c_first, c_last) for the posts of a window within reach of a triangle, those of a box.
   template <class Row>
   static void for_rows_in_box(const WidenedRows& rows, const PostWindow& w, const PostBlocks::Extent& e, Row row);
@@ -291,9 +292,10 @@ bool TilePosts::for_strips(const PostWindow& w, const PostBlocks::Extent& e, Str
   return true;
 }
 
-template <class Bound, class Visit, class Single>
+template <class Bound, class Visit, class Promising, class Single>
 void TilePosts::for_promising_boxes(const TriangleInPosts& t, const WidenedRows& rows, const PostWindow& w,
-                                    const double& worst, Bound bound, Visit box, Single single) const {
+                                    const double& worst, Bound bound, Visit box, Promising promising,
+                                    Single single) const {
   // The posts that the triangle may have in a part of the window.
   const auto visit_box = [&](const PostBlocks::Extent& e) {
     const auto [r_first, r_end] = rows_in_box(rows, w, e);
@@ -308,6 +310,7 @@ void TilePosts::for_promising_boxes(const TriangleInPosts& t, const WidenedRows&
         {r0, c0, floor_of(rows.north()) + 1 - r0, floor_of(rows.east()) + 1 - c0},
         [&rows](double first, double last) { return rows.cuts_between(first, last); }, visit_box,
         [&](const PostSubset::Post& p) {
+          if (!promising(p.row, p.col, p.height_m)) return;
           const auto [west, east] = rows.cuts(static_cast<double>(p.row));
           if (p.col >= ceil_of(west) && p.col <= floor_of(east)) single(p.row, p.col, p.height_m);
         });

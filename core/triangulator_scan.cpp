@@ -72,6 +72,9 @@ std::int64_t worst_in_row(const float* heights, std::int64_t c_first, std::int64
   return found;
 }
 
+// TilePosts::for_promising_boxes: all posts are promising.
+bool any_post(std::int64_t, std::int64_t, float) { return true; }
+
 // Least own error of posts that the served plane counts for: no limit.
 constexpr double kNoLeast = -1;
 
@@ -165,6 +168,7 @@ FaceCandidate FaceScanner::scan(std::int32_t face) const {
   const double tolerance = task_->tolerance_m, moved_m = served_distance(face, plane) + served_rounding_m_;
   const PlanTriangle plan = mesh_.plan_of(face);
   const double least_own_m = std::max(tolerance - moved_m, 0.0);
+  const double rounding = 2 * rounding_of(plane);
   double worst = least_own_m;
   PostAt at;
   for (const PostWindow& w : posts_.windows()) {
@@ -206,6 +210,9 @@ FaceCandidate FaceScanner::scan(std::int32_t face) const {
           if (!w.all_promised || !posts_.for_strips(w, e, strip)) TilePosts::for_rows_in_box(rows, w, e, row);
         },
         [&](std::int64_t r, std::int64_t c, float height_m) {
+          return std::abs(plane.at(w.x(c), w.y(r)) - static_cast<double>(height_m)) + rounding >= worst;
+        },
+        [&](std::int64_t r, std::int64_t c, float height_m) {
           part(r, plane.at(w.x0, w.y(r)), &height_m, nullptr, c, c + 1);
         });
   }
@@ -232,6 +239,11 @@ double FaceScanner::served_distance(std::int32_t face, const FacePlane& plane) c
   return 1.000001 * s * (std::abs(plane.slope_x) + std::abs(plane.slope_y) + 2 * rise * s / area);
 }
 
+// What rounding may do to a plane's value anywhere in the tile.
+double FaceScanner::rounding_of(const FacePlane& plane) const {
+  return 0x1p-44 * (std::abs(plane.z_a) + side_ * (std::abs(plane.slope_x) + std::abs(plane.slope_y)));
+}
+
 // The planes' distance is extreme at the block's corners.
 double FaceScanner::plane_bound(const FacePlane& plane, const PostWindow& w, const PostBlock& block,
                                 const PostBlocks::Extent& e) const {
@@ -242,8 +254,7 @@ double FaceScanner::plane_bound(const FacePlane& plane, const PostWindow& w, con
   const double over_rows = per_row * static_cast<double>(e.n_rows - 1);
   const double low = origin + std::min(over_cols, 0.0) + std::min(over_rows, 0.0);
   const double high = origin + std::max(over_cols, 0.0) + std::max(over_rows, 0.0);
-  // What rounding may do to a plane's value anywhere in the tile.
-  const double rounding = 0x1p-44 * (std::abs(plane.z_a) + side_ * (std::abs(plane.slope_x) + std::abs(plane.slope_y)));
+  const double rounding = rounding_of(plane);
   return std::max(high - static_cast<double>(block.low_m), static_cast<double>(block.high_m) - low) + rounding;
 }
 
@@ -290,7 +301,7 @@ FaceCandidate FaceScanner::scan_thoroughly(std::int32_t face, const FacePlane& p
       posts_.for_promising_boxes(
           in, rows, w, own_worst.error_m,
           [](const PostBlock&, const PostBlocks::Extent&) { return std::numeric_limits<double>::infinity(); },
-          [&](const PostBlocks::Extent& e) { TilePosts::for_rows_in_box(rows, w, e, row); },
+          [&](const PostBlocks::Extent& e) { TilePosts::for_rows_in_box(rows, w, e, row); }, any_post,
           [&](std::int64_t r, std::int64_t c, float) { row(r, c, c); });
       continue;
     }
@@ -324,7 +335,7 @@ FaceCandidate FaceScanner::scan_thoroughly(std::int32_t face, const FacePlane& p
           if (own_worst.post >= 0) return own_m;
           return std::max(own_m, plane_bound(served, w, block, e) + served_rounding_m_);
         },
-        [&](const PostBlocks::Extent& e) { TilePosts::for_rows_in_box(rows, w, e, row); },
+        [&](const PostBlocks::Extent& e) { TilePosts::for_rows_in_box(rows, w, e, row); }, any_post,
         [&](std::int64_t r, std::int64_t c, float height_m) { part(r, &height_m, nullptr, c, c + 1); });
   }
   posts_.for_points(plan, posts_.reach(), [&](std::uint32_t k, const TilePoint& p) {

@@ -119,10 +119,13 @@ Bytes encode_inputs(const TileInputs& inputs) {
   return sealed(out.take());
 }
 
-Result<TileInputs> decode_inputs(ByteView record) {
-  ByteReader in(record);
-  TileInputs inputs;
-  const auto tag = in.fixed<std::uint8_t>();
+namespace {
+
+constexpr std::size_t kSealBytes = sizeof(std::uint64_t);
+
+// All up to the cells. False: broken.
+bool read_head(ByteReader& in, std::uint8_t& tag, TileInputs& inputs) {
+  tag = in.fixed<std::uint8_t>();
   if (tag == kFirstTag) {
     digest_from(in);
   } else {
@@ -133,9 +136,34 @@ Result<TileInputs> decode_inputs(ByteView record) {
        {&inputs.n_inserted, &inputs.n_of_lines, &inputs.n_outside, &inputs.n_line_pieces, &inputs.n_left_out}) {
     *n = in.uvarint();
   }
-  const bool sound = tag == kFirstTag || ((tag == kSecondTag || (tag == kInputsTag && read_body(in, inputs))) &&
-                                          read_cells(in, tag == kInputsTag, inputs) && is_sealed(record, in));
+  return tag == kFirstTag || tag == kSecondTag || (tag == kInputsTag && read_body(in, inputs));
+}
+
+}  // namespace
+
+Result<TileInputs> decode_inputs(ByteView record) {
+  ByteReader in(record);
+  TileInputs inputs;
+  std::uint8_t tag = 0;
+  const bool sound = read_head(in, tag, inputs) &&
+                     (tag == kFirstTag || (read_cells(in, tag == kInputsTag, inputs) && is_sealed(record, in)));
   if (!sound || !in.finished()) return fail(ErrorKind::kCorrupt, "broken inputs record");
+  return inputs;
+}
+
+Result<TileInputs> decode_inputs_head(ByteView record) {
+  ByteReader in(record);
+  TileInputs inputs;
+  std::uint8_t tag = 0;
+  bool sound = read_head(in, tag, inputs);
+  if (tag == kFirstTag) {
+    sound = sound && in.finished();
+  } else {
+    sound = sound && in.ok() && record.size() >= kSealBytes;
+    ByteReader end(sound ? record.last(kSealBytes) : ByteView());
+    sound = sound && is_sealed(record, end);
+  }
+  if (!sound) return fail(ErrorKind::kCorrupt, "broken inputs record");
   return inputs;
 }
 

@@ -39,5 +39,8 @@ struct TileInputs {
 /// builders before 0.5.0 have no digests that are of use: they come out all zero.
 Bytes encode_inputs(const TileInputs& inputs);
 Result<TileInputs> decode_inputs(ByteView record);
+/// The same without cells and vertex_posts, which are not looked at: there may be many. What decode_inputs takes this
+/// does, too; the check tells of damage anywhere.
+Result<TileInputs> decode_inputs_head(ByteView record);
 
 }  // namespace tind

@@ -21,7 +21,7 @@ std::optional<std::vector<TileKey>> EarlierTiles::changed_below(const TileKey& k
 
 bool EarlierTiles::descend(const TileKey& tile, std::size_t most, std::vector<TileKey>& changed) const {
   const auto record = earlier_.find({PieceKind::kInputs, tile.level, tile.x, tile.y});
-  const auto made_of = record ? decode_inputs(*record) : fail(ErrorKind::kNotFound, "");
+  const auto made_of = record ? decode_inputs_head(*record) : fail(ErrorKind::kNotFound, "");
   if (made_of && made_of->posts == posts_.of(tile)) return true;
   if (!made_of || tile.level == bottom_level_) {
     changed.push_back(tile);

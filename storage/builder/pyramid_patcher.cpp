@@ -199,7 +199,7 @@ class PyramidPatcher {
     for (int level = 0; level <= bottom_level_; ++level) {
       for (const TileKey& tile : plan_.tiles(level)) {
         const auto stored = earlier_tiles_.find(tile);
-        if (!stored || !decode_inputs(stored->inputs)) return false;
+        if (!stored || !decode_inputs_head(stored->inputs)) return false;
       }
     }
     return true;
@@ -224,7 +224,7 @@ class PyramidPatcher {
       const auto made = made_.find(root);
       if (made == made_.end()) return true;  // taken over
       const auto stored = earlier_tiles_.find(root);
-      const auto inputs = stored ? decode_inputs(stored->inputs) : fail(ErrorKind::kNotFound, "");
+      const auto inputs = stored ? decode_inputs_head(stored->inputs) : fail(ErrorKind::kNotFound, "");
       return inputs && inputs->frame == made->second.figures.made_of.frame;
     });
   }
@@ -398,7 +398,6 @@ class PyramidPatcher {
       entry.border = maker_.figures_of(entry.key, entry.value);
     } else if (!entry.inputs.empty()) {
       entry.tile = TileMaker::figures_of({entry.value, entry.inputs, {}});
-      if (entry.tile) entry.tile->made_of.cells = {};  // room for many
     }
   }
 

@@ -134,7 +134,7 @@ Result<MadeTile> TileMaker::take_over(const StoredTile& stored) {
 }
 
 Result<TileFigures> TileMaker::figures_of(const StoredTile& stored) {
-  auto inputs = decode_inputs(stored.inputs);
+  auto inputs = decode_inputs_head(stored.inputs);
   if (!inputs) return tl::unexpected(inputs.error());
   BodySummary body;
   if (inputs->body) {
@@ -157,17 +157,16 @@ int TileMaker::threads_of(const TileKey& key) const {
 }
 
 // The tile out of few posts, where the earlier one was made in the same frame.
-std::optional<TileSurface> TileMaker::repeat(const TileTask& task, const TileInputs& inputs,
-                                             const StoredTile& earlier) const {
-  if (!input_.is_grid_as_it_was || task.n_cell_levels == 0 || inputs.n_cell_levels != task.n_cell_levels ||
-      earlier.changed.empty())
-    return {};
+std::optional<TileSurface> TileMaker::repeat(const TileTask& task, const StoredTile& earlier) const {
+  if (!input_.is_grid_as_it_was || task.n_cell_levels == 0 || earlier.changed.empty()) return {};
+  const auto inputs = decode_inputs(earlier.inputs);
+  if (!inputs || inputs->n_cell_levels != task.n_cell_levels) return {};
   const auto record = unpack_value(earlier.body);
   if (!record) return {};
   const auto body = decode_body(*record);
   if (!body) return {};
-  const EarlierTile tile{body->interior, body->triangles, inputs.cells, earlier.changed,
-                         [&](const VertexPosts& now) { return vertex_posts_digest(now) == inputs.vertex_posts; }};
+  const EarlierTile tile{body->interior, body->triangles, inputs->cells, earlier.changed,
+                         [&](const VertexPosts& now) { return vertex_posts_digest(now) == inputs->vertex_posts; }};
   return repeat_triangulation(field_, task, tile, threads_of(task.key));
 }
 
@@ -182,10 +181,10 @@ Result<MadeTile> TileMaker::make(const TileKey& key, std::span<const LocalVertex
   made_of.posts = posts_.of(key);
   std::optional<TileSurface> repeated;
   if (earlier) {
-    const auto inputs = decode_inputs(earlier->inputs);
-    if (inputs && inputs->frame == made_of.frame) {
-      if (inputs->posts == made_of.posts) return take_over(*earlier);
-      repeated = repeat(task, *inputs, *earlier);
+    const auto head = decode_inputs_head(earlier->inputs);
+    if (head && head->frame == made_of.frame) {
+      if (head->posts == made_of.posts) return take_over(*earlier);
+      repeated = repeat(task, *earlier);
     }
   }
   result.figures.repeated = repeated.has_value();

@@ -98,7 +98,7 @@ class TileMaker {
   std::vector<std::int64_t> pins_of(const RootEdge& root, std::span<const LocalVertex> interior) const;
   void add_runs(const TileKey& key, TileBody& body) const;
   int threads_of(const TileKey& key) const;
-  std::optional<TileSurface> repeat(const TileTask& task, const TileInputs& inputs, const StoredTile& earlier) const;
+  std::optional<TileSurface> repeat(const TileTask& task, const StoredTile& earlier) const;
 
   const PyramidInput& input_;
   const HeightField& field_;

@@ -38,6 +38,14 @@ class NearestInRow {
   }
   /// Columns in ascending order.
   void add(const Site& site) {
+    if (!hull_.empty()) {
+      // Beside a straight rim each column is the nearest to itself.
+      const auto& [before, from] = hull_.back();
+      if (before.rise2 == site.rise2 && before.col + 1 == site.col && from <= before.col) {
+        hull_.push_back({site, site.col});
+        return;
+      }
+    }
     while (!hull_.empty()) {
       const auto& [top, from] = hull_.back();
       if (gap(top, from) <= gap(site, from)) break;

@@ -7,7 +7,10 @@ namespace {
 
 void decode(tind::ByteView record) {
   const auto inputs = tind::decode_inputs(record);
+  const auto head = tind::decode_inputs_head(record);
   if (!inputs) return;
+  require(head && head->frame == inputs->frame && head->posts == inputs->posts && head->body == inputs->body,
+          "what is decoded has such a head");
   const tind::Bytes bytes = tind::encode_inputs(*inputs);
   const auto again = tind::decode_inputs(bytes);
   require(again.has_value(), "what was encoded can be decoded");

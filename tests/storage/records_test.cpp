@@ -159,11 +159,20 @@ TEST(InputsRecord, NoticesAnyDamage) {
   for (std::size_t k = 0; k < 64; k += 5) inputs.cells[k] = {k + 1, 0.25 * static_cast<double>(k), 1.5f};
   const Bytes record = encode_inputs(inputs);
   EXPECT_EQ(sealed(record), record);
+  const auto head = decode_inputs_head(record);
+  ASSERT_TRUE(head);
+  EXPECT_TRUE(head->cells.empty());
+  TileInputs whole = *head;
+  whole.n_cell_levels = inputs.n_cell_levels;
+  whole.cells = inputs.cells;
+  EXPECT_EQ(whole, inputs);
+  for (std::size_t n = 0; n < record.size(); ++n) EXPECT_FALSE(decode_inputs_head(ByteView(record).first(n))) << n;
   for (std::size_t at = 0; at < record.size(); ++at) {
     for (int bit = 0; bit < 8; ++bit) {
       Bytes damaged = record;
       damaged[at] ^= static_cast<std::uint8_t>(1 << bit);
       EXPECT_FALSE(decode_inputs(damaged)) << at;
+      EXPECT_FALSE(decode_inputs_head(damaged)) << at;
       if (at + 8 < record.size()) decode_inputs(sealed(damaged));  // whatever it is, it is read to its end
     }
   }
@@ -246,6 +255,8 @@ TEST(InputsRecord, OfTheFirstKindHasNoDigests) {
   EXPECT_EQ(inputs->n_left_out, 7u);
   EXPECT_TRUE(inputs->cells.empty());
   EXPECT_FALSE(decode_inputs(ByteView(record).first(21)));
+  EXPECT_EQ(decode_inputs_head(record).value(), *inputs);
+  EXPECT_FALSE(decode_inputs_head(ByteView(record).first(21)));
 }
 
 TEST(CornerRecord, ComesBackAndSurvivesDamage) {
