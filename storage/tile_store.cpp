@@ -253,7 +253,8 @@ int TileStore::file() const {
   return file;
 }
 
-Result<std::string> content_hash(const TileStore::Snapshot& snapshot, ContentHash::Kind kind) {
+Result<std::string> content_hash(const TileStore::Snapshot& snapshot, ContentHash::Kind kind,
+                                 std::vector<ContentHash::ValueDigest>* first, std::size_t most) {
   ContentHash hash(kind);
   TileStore::Cursor cursor(snapshot);
   for (;;) {
@@ -261,7 +262,14 @@ Result<std::string> content_hash(const TileStore::Snapshot& snapshot, ContentHas
     if (!piece) return tl::unexpected(piece.error());
     if (!*piece) return hash.hex();
     if ((*piece)->key.kind == PieceKind::kInputs) continue;
-    hash.add(piece_key_bytes((*piece)->key), (*piece)->value);
+    const auto key = piece_key_bytes((*piece)->key);
+    if (kind != ContentHash::Kind::kXxh3) {
+      hash.add(key, (*piece)->value);
+      continue;
+    }
+    const auto digest = ContentHash::digest_of((*piece)->value);
+    hash.add(key, digest);
+    if (first != nullptr && first->size() < most) first->push_back(digest);
   }
 }
 

@@ -5,6 +5,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "core/format/bytes.hpp"
 #include "core/piece_key.hpp"
@@ -93,8 +94,10 @@ class TileStore {
   std::unique_ptr<Impl> impl_;
 };
 
-/// The content hash of a file's pieces. Fails as Cursor::next does.
-Result<std::string> content_hash(const TileStore::Snapshot& snapshot, ContentHash::Kind kind);
+/// The content hash of a file's pieces. Fails as Cursor::next does. `first`, if not null, gets the digests of the first
+/// values that it covers, `most` of them or all; for kXxh3 only.
+Result<std::string> content_hash(const TileStore::Snapshot& snapshot, ContentHash::Kind kind,
+                                 std::vector<ContentHash::ValueDigest>* first = nullptr, std::size_t most = 0);
 
 /// Where a writer's transactions end: a transaction's dirty pages are in memory, and what is not committed is lost in a
 /// crash. LMDB's pages depend on where transactions end, so that depends on nothing but what is written.

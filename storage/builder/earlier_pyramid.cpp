@@ -47,11 +47,12 @@ bool EarlierPyramid::has(const PieceKey& key, ByteView value) const {
   return stored && std::equal(stored->begin(), stored->end(), value.begin(), value.end());
 }
 
-Result<void> EarlierPyramid::check_content(const std::string& path) const {
+Result<void> EarlierPyramid::check_content(const std::string& path) {
   if (manifest.content_hash.empty()) return {};
   const auto own = store.snapshot();
   if (!own) return tl::unexpected(own.error());
-  const auto hash = content_hash(*own, ContentHash::kind_of(manifest.content_hash));
+  digests.clear();
+  const auto hash = content_hash(*own, ContentHash::kind_of(manifest.content_hash), &digests, kMostDigests);
   if (!hash) return fail(hash.error().kind, path + ": " + hash.error().message);
   if (*hash == manifest.content_hash) return {};
   return fail(ErrorKind::kCorrupt, path +

@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
+#include <cstddef>
 #include <string>
+#include <vector>
 
 #include "core/result.hpp"
 #include "storage/manifest.hpp"
@@ -17,14 +19,17 @@ struct EarlierPyramid {
   TileStore::Snapshot snapshot;
   Manifest manifest;
   ResidentMap map;  ///< Its pages count towards a ResidentLimit.
+  /// Digests of the first values that the content hash covers; what check_content() found.
+  std::vector<ContentHash::ValueDigest> digests{};
 
   /// kNotFound, kIo, kCorrupt, kUnsupported; the message names the file.
   static Result<EarlierPyramid> open(const std::string& path);
   /// Whether it has the piece with this very value.
   bool has(const PieceKey& key, ByteView value) const;
   /// Reads all pieces and compares their hash with the manifest's (format.md 9; none in files of the first builders).
-  /// kCorrupt, kIo. Any thread.
-  Result<void> check_content(const std::string& path) const;
+  /// kCorrupt, kIo. Any thread, while nobody looks at digests.
+  Result<void> check_content(const std::string& path);
+  static constexpr std::size_t kMostDigests = std::size_t{1} << 16;
 };
 
 }  // namespace tind

@@ -252,6 +252,8 @@ class PyramidPatcher {
     for (const TileKey& tile : tiles) {
       if (!interiors_.contains(tile)) jobs.push_back({tile, {}});
     }
+    const auto work = [this](const Job& job) { return body(job.tile).size(); };
+    std::stable_sort(jobs.begin(), jobs.end(), [&](const Job& a, const Job& b) { return work(a) > work(b); });
     for_each_job(run(), static_cast<std::int64_t>(jobs.size()), [&](int, std::int64_t k) {
       Job& job = jobs[static_cast<std::size_t>(k)];
       job.interior = decode_interior(body(job.tile));
@@ -389,11 +391,11 @@ class PyramidPatcher {
   }
 
   // Finds what a piece counts for. Thread safe for different entries.
-  void read(Entry& entry) const {
+  void read(Entry& entry, const ContentHash::ValueDigest* digest = nullptr) const {
     if (entry.is_read) return;
     entry.is_read = true;
     if (entry.key.kind == PieceKind::kInputs) return;
-    entry.digest = ContentHash::digest_of(entry.value);
+    entry.digest = digest != nullptr ? *digest : ContentHash::digest_of(entry.value);
     if (entry.key.kind != PieceKind::kBody) {
       entry.border = maker_.figures_of(entry.key, entry.value);
     } else if (!entry.inputs.empty()) {
@@ -407,6 +409,7 @@ class PyramidPatcher {
     const auto snapshot = earlier_.store.snapshot();
     if (!snapshot) return;
     TileStore::Cursor cursor(*snapshot);
+    auto digest = earlier_.digests.begin();
     while (ahead_.size() < kMostAhead && !cancelled()) {
       const auto piece = cursor.next();
       if (!piece || !*piece) return;
@@ -416,7 +419,8 @@ class PyramidPatcher {
       if (key.kind == PieceKind::kBody) {
         entry.inputs = snapshot->find(inputs_of({key.level, key.i, key.j})).value_or(ByteView());
       }
-      read(entry);
+      const bool has_digest = key.kind != PieceKind::kInputs && digest != earlier_.digests.end();
+      read(entry, has_digest ? &*digest++ : nullptr);
       ahead_.push_back(std::move(entry));
     }
   } catch (const std::bad_alloc&) {  // what is there is of use

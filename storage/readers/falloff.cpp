@@ -226,7 +226,12 @@ void relax_falloff(PostGrid& grid, const std::vector<Run>& runs, int threads) {
 class FalloffRows {
  public:
   FalloffRows(PostGrid& grid, double base_height_m, std::int64_t limit)
-      : grid_(grid), base_height_m_(base_height_m), limit_(limit), columns_(grid, limit) {}
+      : grid_(grid), base_height_m_(base_height_m), limit_(limit), columns_(grid, limit) {
+    constexpr std::int64_t kMostKept = std::int64_t{1} << 14;
+    for (std::int64_t d2 = 0; d2 < std::min(limit * limit, kMostKept); ++d2) {
+      shares_.push_back(share_of(static_cast<double>(d2)));
+    }
+  }
 
   /// Adds the runs of falloff posts. Bands come in ascending order.
   void settle(std::int64_t row_begin, std::int64_t row_end, std::vector<Run>& falloff) {
@@ -234,6 +239,13 @@ class FalloffRows {
   }
 
  private:
+  /// How much is left of the nearest post's height above the base, at the square of a whole distance in posts.
+  double share_of(double distance2) const { return 1.0 - std::sqrt(distance2) / static_cast<double>(limit_); }
+  double share_at(double distance2) const {
+    const auto at = static_cast<std::size_t>(distance2);
+    return at < shares_.size() ? shares_[at] : share_of(distance2);
+  }
+
   void settle_row(std::int64_t r, std::vector<Run>& falloff) {
     const std::int64_t n_cols = grid_.n_cols, rim = grid_.rim;
     if (rim == 0 || r < rim || r >= grid_.n_rows - rim) {
@@ -299,15 +311,13 @@ class FalloffRows {
         values_[static_cast<std::size_t>(c - run.begin)] = value;
       }
     }
-    const auto limit = static_cast<double>(limit_);
-    const double limit2 = limit * limit, base = base_height_m_;
+    const double limit2 = static_cast<double>(limit_ * limit_), base = base_height_m_;
     const auto base_height = static_cast<float>(base_height_m_);
     const double *distances2 = distances2_.data(), *values = values_.data();
     float* __restrict out = heights;
     for (std::size_t k = 0; k < n; ++k) {
-      const double share = 1.0 - std::sqrt(distances2[k]) / limit;
-      const auto height = static_cast<float>(base + share * (values[k] - base));
-      out[k] = distances2[k] < limit2 ? height : base_height;
+      out[k] = distances2[k] < limit2 ? static_cast<float>(base + share_at(distances2[k]) * (values[k] - base))
+                                      : base_height;
     }
     for (std::int64_t c = run.begin; c < run.end;) {
       const auto is_near = [&] { return distances2_[static_cast<std::size_t>(c - run.begin)] < limit2; };
@@ -324,6 +334,7 @@ class FalloffRows {
   const std::int64_t limit_;
   NearestInColumn columns_;
   NearestInRow nearest_;
+  std::vector<double> shares_;  ///< share_of() the first squares.
   std::vector<double> distances2_, values_;  ///< Of a run: squared distances to the nearest posts, and their heights.
 };
 

@@ -38,10 +38,10 @@ struct HeightGrid::Impl {
 
   /// Lays the extended grid around the mosaic's. Returns the falloff that fits.
   Result<std::int64_t> lay_out(const RasterMosaic& mosaic, const Lattice& lattice, const HeightGridOptions& options);
-  /// Merges rows strips(k) = {begin, end} of the mosaic, for 0 <= k < n_strips, and gives each to take(k, rows), on any
-  /// thread; `rows` is null where no source has any. False: take() said so, and the rest was left.
+  /// Calls take(rows, k) for rows strips(k) = {begin, end} of the mosaic, 0 <= k < n_strips, on any thread, each with
+  /// its own `rows` to read them. False: take() said so, and the rest was left.
   using Strips = std::function<std::pair<std::int64_t, std::int64_t>(std::int64_t k)>;
-  using Take = std::function<Result<bool>(std::int64_t k, const RowMerge* rows)>;
+  using Take = std::function<Result<bool>(RowMerge& rows, std::int64_t k)>;
   Result<bool> merge(const RasterMosaic& mosaic, int n_workers, const std::function<void(double)>& progress,
                      std::int64_t n_strips, const Strips& strips, const Take& take);
   Result<void> merge_into_arrays(const RasterMosaic& mosaic, int n_workers,
@@ -146,10 +146,24 @@ Result<bool> HeightGrid::Impl::merge_into_pages(const RasterMosaic& mosaic, int 
     const auto [begin, end] = packed->rows_of(k);
     return std::pair(begin - falloff, end - falloff);
   };
-  const auto done = merge(mosaic, n_workers, progress, packed->n_page_rows(), strips,
-                          [&](std::int64_t k, const RowMerge* rows) -> Result<bool> {
-                            return rows != nullptr && packed->take(k, rows->heights_m(), rows->origins());
-                          });
+  const auto take = [&](RowMerge& rows, std::int64_t k) -> Result<bool> {
+    const auto [begin, end] = strips(k);
+    if (rows.has_one_source()) {
+      const auto plain = rows.plain(begin, end);
+      if (!plain) return tl::unexpected(plain.error());
+      if (plain->first != nullptr) packed->take(k, plain->first, plain->stride);
+      return plain->first != nullptr;
+    }
+    const auto any = rows.merge(begin, end);
+    if (!any || !*any) return any;
+    const std::int64_t west = falloff, east = grid.n_cols - falloff;
+    for (std::int64_t r = 0; r < end - begin; ++r) {
+      if (next_void(rows.origins().data() + r * grid.n_cols, west, east) < east) return false;
+    }
+    packed->take(k, rows.heights_m().data() + west, grid.n_cols);
+    return true;
+  };
+  const auto done = merge(mosaic, n_workers, progress, packed->n_page_rows(), strips, take);
   if (!done || !*done) {
     packed.reset();
     counts = {};
@@ -168,10 +182,14 @@ Result<void> HeightGrid::Impl::merge_into_arrays(const RasterMosaic& mosaic, int
   const auto strips = [&](std::int64_t k) {
     return std::pair(k * strip_rows, std::min((k + 1) * strip_rows, mosaic.n_rows));
   };
-  const auto take = [&](std::int64_t k, const RowMerge* rows) -> Result<bool> {
-    if (rows == nullptr) return true;
-    auto taken = arrays.take((frame.south_row + strips(k).first) * grid.n_cols, rows->heights_m(), rows->origins());
-    if (!taken) return tl::unexpected(taken.error());
+  const auto take = [&](RowMerge& rows, std::int64_t k) -> Result<bool> {
+    const auto [begin, end] = strips(k);
+    const auto any = rows.merge(begin, end);
+    if (!any) return any;
+    if (*any) {
+      const std::int64_t at = (frame.south_row + begin) * grid.n_cols;
+      if (auto taken = arrays.take(at, rows.heights_m(), rows.origins()); !taken) return tl::unexpected(taken.error());
+    }
     return true;
   };
   const auto done = merge(mosaic, n_workers, progress, (mosaic.n_rows + strip_rows - 1) / strip_rows, strips, take);
@@ -190,8 +208,7 @@ Result<bool> HeightGrid::Impl::merge(const RasterMosaic& mosaic, int n_workers,
   for_each_job({n_workers, grid.cancel, {}}, n_strips, [&](int w, std::int64_t k) {
     const auto [begin, end] = strips(k);
     if (has_ended || begin == end) return;
-    RowMerge& worker = workers[static_cast<std::size_t>(w)];
-    const auto taken = worker.merge(begin, end).and_then([&](bool any) { return take(k, any ? &worker : nullptr); });
+    const auto taken = take(workers[static_cast<std::size_t>(w)], k);
     if (!taken) {
       const std::lock_guard lock(mutex);
       if (!failure) failure = taken.error();

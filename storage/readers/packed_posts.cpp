@@ -83,15 +83,12 @@ std::pair<std::int64_t, std::int64_t> PackedPosts::rows_of(std::int64_t i) const
   return {begin, std::max(begin, std::min((i + 1) * kSide, n_rows_ - margin_))};
 }
 
-bool PackedPosts::take(std::int64_t i, std::span<const float> heights_m, std::span<const PostOrigin> origins) {
+void PackedPosts::take(std::int64_t i, const float* first, std::int64_t stride) {
   const auto [row_begin, row_end] = rows_of(i);
   const std::int64_t west = margin_, east = n_cols_ - margin_;
-  const auto at = [&](std::int64_t r, std::int64_t c) {
-    return static_cast<std::size_t>((r - row_begin) * n_cols_ + c);
+  const auto at = [&, begin = row_begin](std::int64_t r, std::int64_t c) {
+    return first + (r - begin) * stride + (c - west);
   };
-  for (std::int64_t r = row_begin; r < row_end; ++r) {
-    if (next_void(origins.data() + at(r, 0), west, east) < east) return false;
-  }
   for (std::int64_t j = west / kSide; j * kSide < east; ++j) {
     const std::int64_t begin = std::max(west, j * kSide), end = std::min(east, (j + 1) * kSide);
     const auto number = static_cast<std::size_t>(i * n_page_cols() + j);
@@ -99,7 +96,7 @@ bool PackedPosts::take(std::int64_t i, std::span<const float> heights_m, std::sp
     bool is_packed = true;
     Range range;
     for (std::int64_t r = row_begin; r < row_end && is_packed; ++r) {
-      is_packed = pack(heights_m.data() + at(r, begin), end - begin, quarters + index(r, begin), range);
+      is_packed = pack(at(r, begin), end - begin, quarters + index(r, begin), range);
     }
     kinds_[number] = is_packed ? kQuarters : kFloats;
     if (const std::int64_t n = (end - begin) * (row_end - row_begin); is_packed && n == kSide * kSide) {
@@ -107,13 +104,13 @@ bool PackedPosts::take(std::int64_t i, std::span<const float> heights_m, std::sp
                         1 << static_cast<int>(PostOrigin::kSource)};
     }
     for (std::int64_t r = row_begin; r < row_end && !is_packed; ++r) {
-      std::copy_n(heights_m.data() + at(r, begin), end - begin, floats_ + number * kPagePosts + index(r, begin));
+      std::copy_n(at(r, begin), end - begin, floats_ + number * kPagePosts + index(r, begin));
     }
   }
   const auto add_to_rim = [&](std::int64_t r, std::int64_t begin, std::int64_t end) {
     const std::int64_t to = rim_.index(r, begin);
-    std::copy_n(heights_m.data() + at(r, begin), end - begin, rim_.heights_m + to);
-    std::copy_n(origins.data() + at(r, begin), end - begin, rim_.origins + to);
+    std::copy_n(at(r, begin), end - begin, rim_.heights_m + to);
+    std::fill_n(rim_.origins + to, end - begin, PostOrigin::kSource);
   };
   for (std::int64_t r = row_begin; r < row_end; ++r) {
     if (r == margin_ || r == n_rows_ - margin_ - 1) {
@@ -123,7 +120,6 @@ bool PackedPosts::take(std::int64_t i, std::span<const float> heights_m, std::sp
       add_to_rim(r, east - 1, east);
     }
   }
-  return true;
 }
 
 void PackedPosts::attach(HeightField& field, int threads, CancelFlag cancel) {

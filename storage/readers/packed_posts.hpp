@@ -4,7 +4,6 @@
 #include <cstddef>
 #include <cstdint>
 #include <memory>
-#include <span>
 #include <utility>
 #include <vector>
 
@@ -32,9 +31,9 @@ class PackedPosts final : public PostPages {
 
   /// Rows of posts that are taken together: those of page row `i` which are not of the margin; maybe none.
   std::pair<std::int64_t, std::int64_t> rows_of(std::int64_t i) const;
-  /// Takes rows_of(i), whole rows of the grid, the margin's columns included. False, and nothing is taken: there is a
-  /// void. Thread safe for different `i`.
-  bool take(std::int64_t i, std::span<const float> heights_m, std::span<const PostOrigin> origins);
+  /// Takes rows_of(i), none of whose posts beyond the margin is a void: that of row r, from the margin's end on, at
+  /// `first + r * stride`, r counted from the first of these rows. Thread safe for different `i`.
+  void take(std::int64_t i, const float* first, std::int64_t stride);
   /// The margin and the posts beside it, whose `rim` they are: the caller gives the margin's posts their heights.
   PostGrid rim() const { return rim_; }
   /// Points the field, whose grid has this one's size, at these pages and at blocks of them that are made on demand.

@@ -121,6 +121,22 @@ void RowMerge::take_mean(std::int64_t n_rows, const Stretch& stretch) {
   }
 }
 
+bool RowMerge::has_one_source() const {
+  const RasterSource& s = mosaic_->sources.front();
+  return mosaic_->sources.size() == 1 && s.grid_row == 0 && s.grid_col == 0 && s.n_used_rows == mosaic_->n_rows &&
+         s.n_used_cols == mosaic_->n_cols;
+}
+
+Result<RowMerge::Plain> RowMerge::plain(std::int64_t begin, std::int64_t end) {
+  if (is_set(cancel_)) return interrupted();
+  if (auto read = mosaic_->read_rows(0, begin, end - begin, rows_, counts_.implausible); !read) {
+    return tl::unexpected(read.error());
+  }
+  if (rows_.has_void) return Plain{};
+  counts_.source += static_cast<std::uint64_t>((end - begin) * rows_.n_cols);
+  return Plain{rows_.row(0), rows_.northernmost_first ? -rows_.n_cols : rows_.n_cols};
+}
+
 Result<bool> RowMerge::merge(std::int64_t begin, std::int64_t end) {
   if (!lay_out(begin, end)) return false;
   const std::int64_t n_rows = end - begin, n_cols = mosaic_->n_cols;

@@ -26,6 +26,16 @@ class RowMerge {
   /// Merges rows [begin, end) of the mosaic. False: no source has any of them. As RasterMosaic::read_rows;
   /// kInterrupted.
   Result<bool> merge(std::int64_t begin, std::int64_t end);
+  /// Whether one source has all posts of the mosaic, so that plain() may be asked.
+  bool has_one_source() const;
+  /// Posts of rows one after the other: row r begins at `first + r * stride`.
+  struct Plain {
+    const float* first = nullptr;
+    std::int64_t stride = 0;
+  };
+  /// Reads the same rows as they are in the mosaic's one source. Null: there is a void. Valid until the next call. As
+  /// merge().
+  Result<Plain> plain(std::int64_t begin, std::int64_t end);
   /// The rows that were merged last: voids have height 0.
   std::span<const float> heights_m() const { return heights_m_; }
   std::span<const PostOrigin> origins() const { return origins_; }

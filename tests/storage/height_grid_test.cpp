@@ -304,6 +304,26 @@ TEST_F(HeightGridTest, PackedPostsAndTheirBlocksAreThoseOfArrays) {
   }
 }
 
+TEST_F(HeightGridTest, PackedPostsOfSeveralSourcesAreThoseOfArrays) {
+  const auto a = write_grid("a.asc", 10, 45, 0.01, 90, 80, [](int r, int c) { return number(r * c % 37); });
+  const auto b = write_grid("b.asc", 10.7, 45, 0.01, 90, 80, [](int r, int c) { return number(r * (c + 70) % 41); });
+  const auto mosaic = RasterMosaic::open({a, b}, {});
+  ASSERT_TRUE(mosaic) << mosaic.error().message;
+  Lattice lattice;
+  lattice.level = 8;
+  const auto from = [&](bool may_be_pages) {
+    return HeightGrid::load(*mosaic, lattice, {0, 8, folder_.string(), 2, std::uint64_t{1} << 30, may_be_pages}, {});
+  };
+  const auto arrays = from(false), pages = from(true);
+  ASSERT_TRUE(arrays && pages);
+  ASSERT_NE(pages->field().pages, nullptr);
+  expect_same_posts(arrays->field(), pages->field());
+  EXPECT_GT(pages->counts().disagreeing, 100u);
+  EXPECT_EQ(arrays->counts().source, pages->counts().source);
+  EXPECT_EQ(arrays->counts().disagreeing, pages->counts().disagreeing);
+  EXPECT_EQ(arrays->field().disagreement_m, pages->field().disagreement_m);
+}
+
 TEST_F(HeightGridTest, PostsAreNotPackedWhereARimIsNotAllThatIsVoid) {
   constexpr std::uint64_t kEnough = std::uint64_t{1} << 30;
   Lattice lattice;
