@@ -5,6 +5,8 @@
 
 namespace tind {
 
+bool PostPages::is_known_source(std::int64_t, std::int64_t, std::int64_t, std::int64_t) const { return false; }
+
 void PostPages::copy(std::int64_t row, std::int64_t col, std::int64_t n_rows, std::int64_t n_cols, float* heights_m,
                      PostOrigin* origins) const {
   for (std::int64_t r0 = row; r0 < row + n_rows;) {
@@ -15,7 +17,7 @@ void PostPages::copy(std::int64_t row, std::int64_t col, std::int64_t n_rows, st
       for (std::int64_t r = r0; r < r1; ++r) {
         const std::int64_t to = (r - row) * n_cols + c0 - col;
         std::copy_n(from.heights_m + index(r, c0), c1 - c0, heights_m + to);
-        std::copy_n(from.origins + index(r, c0), c1 - c0, origins + to);
+        if (origins != nullptr) std::copy_n(from.origins + index(r, c0), c1 - c0, origins + to);
       }
       c0 = c1;
     }

@@ -34,7 +34,10 @@ class PostPages : public HeldPages<PostPage> {
   static std::size_t index(std::int64_t r, std::int64_t c) {
     return static_cast<std::size_t>((r & (kSide - 1)) << kSideBits | (c & (kSide - 1)));
   }
+  /// Whether all of these posts are known to be of origin kSource without a look at them.
+  virtual bool is_known_source(std::int64_t row, std::int64_t col, std::int64_t n_rows, std::int64_t n_cols) const;
   /// Copies posts [row, row + n_rows) x [col, col + n_cols), which lie in the grid, to row-major arrays of that size.
+  /// `origins` may be null.
   virtual void copy(std::int64_t row, std::int64_t col, std::int64_t n_rows, std::int64_t n_cols, float* heights_m,
                     PostOrigin* origins) const;
 

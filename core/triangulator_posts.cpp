@@ -218,16 +218,19 @@ void TilePosts::find_posts_of(std::span<const LocalVertex> vertices, OfVertices&
       const std::int64_t c = floor_of((x - w.x0) * w.per_dx + 0.5), r = floor_of((y - w.y0) * w.per_dy + 0.5);
       if (c < 0 || r < 0 || c >= w.n_cols || r >= w.n_rows) continue;
       if (floor_of(w.x(c) + 0.5) != v.x || floor_of(w.y(r) + 0.5) != v.y) continue;
-      float height_m = 0;  // that of the base grid is known elsewhere
-      if (!w.is_base_grid) {
-        height_m = w.heights_m != nullptr ? w.heights_m[r * w.stride + c]
-                                          : field_->pages->height_m(w.field_row + r, w.field_col + c);
-        found.heights_m.push_back(height_m);
-      }
       found.posts.push_back(
           {static_cast<std::size_t>(&w - windows_.data()),
-           {static_cast<std::int32_t>(r), static_cast<std::int32_t>(c), height_m, static_cast<std::uint32_t>(k)}});
+           {static_cast<std::int32_t>(r), static_cast<std::int32_t>(c), 0, static_cast<std::uint32_t>(k)}});
     }
+  }
+  // Apart, so that the processor may wait for several of them at once.
+  for (OfVertices::Post& of_vertex : found.posts) {
+    const PostWindow& w = windows_[of_vertex.window];
+    if (w.is_base_grid) continue;  // its height is known elsewhere
+    PostSubset::Post& p = of_vertex.post;
+    p.height_m = w.heights_m != nullptr ? w.heights_m[p.row * w.stride + p.col]
+                                        : field_->pages->height_m(w.field_row + p.row, w.field_col + p.col);
+    found.heights_m.push_back(p.height_m);
   }
 }
 

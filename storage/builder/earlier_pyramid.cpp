@@ -13,8 +13,8 @@
 
 namespace tind {
 
-Result<EarlierPyramid> EarlierPyramid::open(const std::string& path) {
-  auto store = TileStore::open(path);
+Result<EarlierPyramid> EarlierPyramid::open(const std::string& path, TreeExtent looked_at) {
+  auto store = TileStore::open(path, looked_at);
   if (!store) return tl::unexpected(store.error());
   auto snapshot = store->snapshot();
   const auto named = [&path](const Error& error) { return fail(error.kind, path + ": " + error.message); };

@@ -22,8 +22,8 @@ struct EarlierPyramid {
   /// Digests of the first values that the content hash covers; what check_content() found.
   std::vector<ContentHash::ValueDigest> digests{};
 
-  /// kNotFound, kIo, kCorrupt, kUnsupported; the message names the file.
-  static Result<EarlierPyramid> open(const std::string& path);
+  /// `looked_at`: as TileStore::open. kNotFound, kIo, kCorrupt, kUnsupported; the message names the file.
+  static Result<EarlierPyramid> open(const std::string& path, TreeExtent looked_at = TreeExtent::kWhole);
   /// Whether it has the piece with this very value.
   bool has(const PieceKey& key, ByteView value) const;
   /// Reads all pieces and compares their hash with the manifest's (format.md 9; none in files of the first builders).

@@ -53,6 +53,47 @@ void add_borders(Digest& digest, const std::array<std::span<const LineVertex>, 4
   }
 }
 
+bool is_all_source(const PostOrigin* origins, std::size_t n) {
+  return std::all_of(origins, origins + n, [](PostOrigin origin) { return origin == PostOrigin::kSource; });
+}
+
+// Heights of a window that lies in the grid, row by row, and then, where not all are the source's, origins.
+void add_window(Digest& digest, const HeightField& field, const PostBlocks::Extent& w) {
+  const auto n_cols = static_cast<std::size_t>(w.n_cols), n = static_cast<std::size_t>(w.n_posts());
+  const bool is_known = field.pages != nullptr && field.pages->is_known_source(w.row, w.col, w.n_rows, w.n_cols);
+  bool all_source = true;
+  thread_local std::vector<float> heights;
+  thread_local std::vector<PostOrigin> origins;
+  if (field.pages == nullptr) {
+    for (std::int64_t r = w.row; r < w.row + w.n_rows; ++r) {
+      const HeightField::Posts row = field.posts_from(r, w.col);
+      digest.add(row.heights_m, n_cols * sizeof(float));
+      all_source = all_source && is_all_source(row.origins, n_cols);
+    }
+  } else {
+    origins.resize(is_known ? 0 : n);
+    // As many rows at once as pages have.
+    for (std::int64_t r = w.row, end = r; r < w.row + w.n_rows; r = end) {
+      end = std::min(w.row + w.n_rows, (r / PostPages::kSide + 1) * PostPages::kSide);
+      const std::size_t n_now = static_cast<std::size_t>(end - r) * n_cols;
+      heights.resize(std::max(heights.size(), n_now));
+      PostOrigin* const to = is_known ? nullptr : origins.data() + static_cast<std::size_t>(r - w.row) * n_cols;
+      field.pages->copy(r, w.col, end - r, w.n_cols, heights.data(), to);
+      digest.add(heights.data(), n_now * sizeof(float));
+    }
+    all_source = is_known || is_all_source(origins.data(), n);
+  }
+  digest.add_value(static_cast<std::uint8_t>(all_source ? 1 : 0));
+  if (all_source) return;
+  if (field.pages != nullptr) {
+    digest.add(origins.data(), n * sizeof(PostOrigin));
+    return;
+  }
+  for (std::int64_t r = w.row; r < w.row + w.n_rows; ++r) {
+    digest.add(field.posts_from(r, w.col).origins, n_cols * sizeof(PostOrigin));
+  }
+}
+
 // The grid where it meets the tile and one post more, told as the tile sees it: a grid that grew elsewhere is the same.
 void add_posts(Digest& digest, const HeightField& field, const TileKey& key) {
   const double side = static_cast<double>(field.lattice.tile_side(key.level));
@@ -70,25 +111,7 @@ void add_posts(Digest& digest, const HeightField& field, const TileKey& key) {
     digest.add(size.data(), sizeof size);
     digest.add_value(field.post_x(c_first) + turn - west);
     digest.add_value(field.post_y(r_first) - south);
-    const auto n = static_cast<std::size_t>(c_last - c_first + 1);
-    if (field.pages == nullptr) {
-      for (std::int64_t r = r_first; r <= r_last; ++r) {
-        digest.add(field.heights_m + r * field.n_cols + c_first, n * sizeof(float));
-        digest.add(field.origins + r * field.n_cols + c_first, n * sizeof(PostOrigin));
-      }
-      continue;
-    }
-    // As many rows at once as pages have.
-    std::vector<float> heights(n * PostPages::kSide);
-    std::vector<PostOrigin> origins(n * PostPages::kSide);
-    for (std::int64_t r = r_first; r <= r_last;) {
-      const std::int64_t r_end = std::min(r_last + 1, (r / PostPages::kSide + 1) * PostPages::kSide);
-      field.pages->copy(r, c_first, r_end - r, c_last - c_first + 1, heights.data(), origins.data());
-      for (std::size_t at = 0; r < r_end; ++r, at += n) {
-        digest.add(heights.data() + at, n * sizeof(float));
-        digest.add(origins.data() + at, n * sizeof(PostOrigin));
-      }
-    }
+    add_window(digest, field, {r_first, c_first, r_last - r_first + 1, c_last - c_first + 1});
   }
 }
 

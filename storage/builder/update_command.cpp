@@ -170,7 +170,7 @@ int run(const UpdateArguments& arguments) {
     fmt::print(stderr, "tind-build update: {}\n", message);
     return kExitFailed;
   };
-  auto earlier = EarlierPyramid::open(arguments.file);
+  auto earlier = EarlierPyramid::open(arguments.file, TreeExtent::kLastPath);  // for its manifest
   if (!earlier) return complain(earlier.error().message);
   auto options = options_of(arguments, earlier->manifest);
   if (!options) return complain(options.error().message);

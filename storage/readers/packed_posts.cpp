@@ -153,7 +153,9 @@ void PackedPosts::copy_part(std::int64_t r, std::int64_t begin, std::int64_t end
   const auto copy_margin = [&](std::int64_t from, std::int64_t to) {
     if (from >= to) return;
     std::copy_n(rim_.heights_m + rim_.index(r, from), to - from, heights_m + (from - begin));
-    std::copy_n(rim_.origins + rim_.index(r, from), to - from, origins + (from - begin));
+    if (origins != nullptr) {
+      std::copy_n(rim_.origins + rim_.index(r, from), to - from, origins + (from - begin));
+    }
   };
   const std::int64_t west = margin_, east = n_cols_ - margin_;
   if (r < margin_ || r >= n_rows_ - margin_) return copy_margin(begin, end);
@@ -167,7 +169,7 @@ void PackedPosts::copy_part(std::int64_t r, std::int64_t begin, std::int64_t end
   } else {
     std::copy_n(floats_ + at, last - first, heights_m + (first - begin));
   }
-  std::fill_n(origins + (first - begin), last - first, PostOrigin::kSource);
+  if (origins != nullptr) std::fill_n(origins + (first - begin), last - first, PostOrigin::kSource);
 }
 
 void PackedPosts::copy(std::int64_t row, std::int64_t col, std::int64_t n_rows, std::int64_t n_cols, float* heights_m,
@@ -178,7 +180,7 @@ void PackedPosts::copy(std::int64_t row, std::int64_t col, std::int64_t n_rows, 
     end = std::min(col_end, (begin / kSide + 1) * kSide);
     for (std::int64_t r = row; r < row + n_rows; ++r) {
       const std::int64_t to = (r - row) * n_cols + begin - col;
-      copy_part(r, begin, end, heights_m + to, origins + to);
+      copy_part(r, begin, end, heights_m + to, origins != nullptr ? origins + to : nullptr);
     }
   }
 }

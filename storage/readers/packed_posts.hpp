@@ -43,6 +43,9 @@ class PackedPosts final : public PostPages {
 
   float height_m(std::int64_t r, std::int64_t c) const override;
   PostOrigin origin(std::int64_t r, std::int64_t c) const override;
+  bool is_known_source(std::int64_t row, std::int64_t col, std::int64_t n_rows, std::int64_t n_cols) const override {
+    return row >= margin_ && col >= margin_ && row + n_rows <= n_rows_ - margin_ && col + n_cols <= n_cols_ - margin_;
+  }
   void copy(std::int64_t row, std::int64_t col, std::int64_t n_rows, std::int64_t n_cols, float* heights_m,
             PostOrigin* origins) const override;
 
@@ -55,7 +58,7 @@ class PackedPosts final : public PostPages {
   std::size_t page_of(std::int64_t r, std::int64_t c) const {
     return static_cast<std::size_t>(r / kSide * n_page_cols() + c / kSide);
   }
-  /// Posts [begin, end) of a row, of one page.
+  /// Posts [begin, end) of a row, of one page; `origins` may be null.
   void copy_part(std::int64_t r, std::int64_t begin, std::int64_t end, float* heights_m, PostOrigin* origins) const;
 
   enum Kind : std::uint8_t { kNone, kQuarters, kFloats };
