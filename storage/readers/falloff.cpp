@@ -334,7 +334,7 @@ class FalloffRows {
   const std::int64_t limit_;
   NearestInColumn columns_;
   NearestInRow nearest_;
-  std::vector<double> shares_;  ///< share_of() the first squares.
+  std::vector<double> shares_;               ///< share_of() the first squares.
   std::vector<double> distances2_, values_;  ///< Of a run: squared distances to the nearest posts, and their heights.
 };
 
