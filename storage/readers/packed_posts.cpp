@@ -2,6 +2,7 @@
 #include "storage/readers/packed_posts.hpp"
 
 #include <algorithm>
+#include <array>
 #include <bit>
 #include <utility>
 
@@ -92,13 +93,15 @@ void PackedPosts::take(std::int64_t i, const float* first, std::int64_t stride) 
   for (std::int64_t j = west / kSide; j * kSide < east; ++j) {
     const std::int64_t begin = std::max(west, j * kSide), end = std::min(east, (j + 1) * kSide);
     const auto number = static_cast<std::size_t>(i * n_page_cols() + j);
-    std::uint16_t* const quarters = quarters_ + number * kPagePosts;
+    // Elsewhere first: where this cannot be no memory is touched.
+    thread_local std::array<std::uint16_t, kPagePosts> quarters{};
     bool is_packed = true;
     Range range;
     for (std::int64_t r = row_begin; r < row_end && is_packed; ++r) {
-      is_packed = pack(at(r, begin), end - begin, quarters + index(r, begin), range);
+      is_packed = pack(at(r, begin), end - begin, quarters.data() + index(r, begin), range);
     }
     kinds_[number] = is_packed ? kQuarters : kFloats;
+    if (is_packed) std::copy(quarters.begin(), quarters.end(), quarters_ + number * kPagePosts);
     if (const std::int64_t n = (end - begin) * (row_end - row_begin); is_packed && n == kSide * kSide) {
       known_[number] = {height_of(range.low), height_of(range.high), static_cast<std::uint32_t>(n),
                         1 << static_cast<int>(PostOrigin::kSource)};

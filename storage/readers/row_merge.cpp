@@ -123,8 +123,8 @@ void RowMerge::take_mean(std::int64_t n_rows, const Stretch& stretch) {
 
 bool RowMerge::has_one_source() const {
   const RasterSource& s = mosaic_->sources.front();
-  return mosaic_->sources.size() == 1 && s.grid_row == 0 && s.grid_col == 0 && s.n_used_rows == mosaic_->n_rows &&
-         s.n_used_cols == mosaic_->n_cols;
+  return mosaic_->reads_in_parallel() && mosaic_->sources.size() == 1 && s.grid_row == 0 && s.grid_col == 0 &&
+         s.n_used_rows == mosaic_->n_rows && s.n_used_cols == mosaic_->n_cols;
 }
 
 Result<RowMerge::Plain> RowMerge::plain(std::int64_t begin, std::int64_t end) {

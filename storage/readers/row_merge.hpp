@@ -26,7 +26,7 @@ class RowMerge {
   /// Merges rows [begin, end) of the mosaic. False: no source has any of them. As RasterMosaic::read_rows;
   /// kInterrupted.
   Result<bool> merge(std::int64_t begin, std::int64_t end);
-  /// Whether one source has all posts of the mosaic, so that plain() may be asked.
+  /// Whether one source has all posts of the mosaic as they are, so that plain() may be asked.
   bool has_one_source() const;
   /// Posts of rows one after the other: row r begins at `first + r * stride`.
   struct Plain {
