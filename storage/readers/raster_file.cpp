@@ -276,6 +276,14 @@ bool raw_file_is_short(GDALDataset& dataset) {
   return VSIStatL(dataset.GetDescription(), &stat) == 0 && static_cast<vsi_l_offset>(stat.st_size) < needed;
 }
 
+/// Whether any row is found at once, by any number of datasets side by side: text and archives are read from their
+/// beginning, and not every format's library is for several threads.
+bool reads_anywhere(GDALDataset& dataset, const std::string& gdal_name) {
+  const std::string driver = dataset.GetDriver()->GetDescription();
+  return !gdal_name.starts_with("/vsi") &&
+         (driver == "EHdr" || driver == "ENVI" || driver == "GTiff" || driver == "SRTMHGT");
+}
+
 Result<GDALDatasetUniquePtr> open_dataset(const RasterFile& s) {
   GdalErrors errors;
   GDALDatasetUniquePtr dataset(
@@ -309,7 +317,7 @@ Result<void> read_frame(RasterFile& s) {
   if (raw_file_is_short(*s.dataset)) return bad_raster(s, "is truncated: shorter than its header says");
   int block_width = 0, block_height = 0;
   s.dataset->GetRasterBand(1)->GetBlockSize(&block_width, &block_height);
-  s.has_row_blocks = block_height == 1;
+  s.has_row_blocks = block_height == 1 && reads_anywhere(*s.dataset, s.gdal_name);
   if (GDALDataTypeIsComplex(s.dataset->GetRasterBand(1)->GetRasterDataType()))
     return bad_raster(s, "band 1 holds complex numbers, not heights");
 
