@@ -145,6 +145,7 @@ class TilePosts {
   bool restrict_to(const OfVertices& vertices, std::span<const PlanBox> boxes);
   /// Until here, or until reset.
   void lift_restriction() { is_restricted_ = false; }
+  bool is_restricted() const { return is_restricted_; }
   /// The vertex of restrict_to that a post rounds to; nullopt: there is none.
   std::optional<std::uint32_t> vertex_of(std::int64_t index) const {
     const PostWindow& w = window_of(index);

@@ -168,7 +168,7 @@ FaceCandidate FaceScanner::scan(std::int32_t face) const {
   const double tolerance = task_->tolerance_m, moved_m = served_distance(face, plane) + served_rounding_m_;
   const PlanTriangle plan = mesh_.plan_of(face);
   const double least_own_m = std::max(tolerance - moved_m, 0.0);
-  const double rounding = 2 * rounding_of(plane);
+  const double rounding = posts_.is_restricted() ? 2 * rounding_of(plane) : 0;  // else nobody asks
   double worst = least_own_m;
   PostAt at;
   for (const PostWindow& w : posts_.windows()) {

@@ -52,8 +52,8 @@ class FaceScanner {
   /// Corners counter-clockwise.
   FacePlane plane_through(const Mesh::Vertex& a, const Mesh::Vertex& b, const Mesh::Vertex& c) const;
 
-  /// Bound of |plane - h| over the posts of a block that lies at `e` in a window.
   double rounding_of(const FacePlane& plane) const;
+  /// Bound of |plane - h| over the posts of a block that lies at `e` in a window.
   double plane_bound(const FacePlane& plane, const PostWindow& w, const PostBlock& block,
                      const PostBlocks::Extent& e) const;
 

@@ -12,6 +12,8 @@ namespace {
 constexpr std::uint8_t kFirstTag = 'I';   // of builders before 0.5.0: one digest of all
 constexpr std::uint8_t kSecondTag = 'J';  // of 0.5.0: each empty cell by itself
 constexpr std::uint8_t kInputsTag = 'K';
+// Of the check at the end.
+constexpr std::size_t kSealBytes = sizeof(std::uint64_t);
 
 TileInputs::Digest digest_from(ByteReader& in) {
   TileInputs::Digest digest{};
@@ -30,7 +32,7 @@ Bytes sealed(Bytes record) {
 }
 bool is_sealed(ByteView record, ByteReader& end) {
   const auto hash = end.fixed<std::uint64_t>();
-  return record.size() > sizeof hash && hash == value_hash(record.first(record.size() - sizeof hash));
+  return record.size() > kSealBytes && hash == value_hash(record.first(record.size() - kSealBytes));
 }
 
 // False where there is no such body.
@@ -51,6 +53,22 @@ bool read_body(ByteReader& in, TileInputs& inputs) {
   inputs.body = body;
   return has_body == 1 && coverage <= static_cast<std::uint8_t>(TileCoverage::kReal) &&
          is_error(body.stats.max_error_m) && is_error(body.stats.rmse_m);
+}
+
+// All up to the cells. False: broken.
+bool read_head(ByteReader& in, std::uint8_t& tag, TileInputs& inputs) {
+  tag = in.fixed<std::uint8_t>();
+  if (tag == kFirstTag) {
+    digest_from(in);
+  } else {
+    inputs.frame = digest_from(in);
+    inputs.posts = digest_from(in);
+  }
+  for (std::uint64_t* n :
+       {&inputs.n_inserted, &inputs.n_of_lines, &inputs.n_outside, &inputs.n_line_pieces, &inputs.n_left_out}) {
+    *n = in.uvarint();
+  }
+  return tag == kFirstTag || tag == kSecondTag || (tag == kInputsTag && read_body(in, inputs));
 }
 
 // False where no builder can have measured that.
@@ -118,28 +136,6 @@ Bytes encode_inputs(const TileInputs& inputs) {
   }
   return sealed(out.take());
 }
-
-namespace {
-
-constexpr std::size_t kSealBytes = sizeof(std::uint64_t);
-
-// All up to the cells. False: broken.
-bool read_head(ByteReader& in, std::uint8_t& tag, TileInputs& inputs) {
-  tag = in.fixed<std::uint8_t>();
-  if (tag == kFirstTag) {
-    digest_from(in);
-  } else {
-    inputs.frame = digest_from(in);
-    inputs.posts = digest_from(in);
-  }
-  for (std::uint64_t* n :
-       {&inputs.n_inserted, &inputs.n_of_lines, &inputs.n_outside, &inputs.n_line_pieces, &inputs.n_left_out}) {
-    *n = in.uvarint();
-  }
-  return tag == kFirstTag || tag == kSecondTag || (tag == kInputsTag && read_body(in, inputs));
-}
-
-}  // namespace
 
 Result<TileInputs> decode_inputs(ByteView record) {
   ByteReader in(record);

@@ -292,8 +292,8 @@ class FalloffRows {
     float* const heights = grid_.heights_m + grid_.index(run.row, run.begin);
     PostOrigin* const origins = grid_.origins + grid_.index(run.row, run.begin);
     const auto& hull = nearest_.hull();
-    // Before neighbours are read: a page of the map that is read first is faulted in a second time to be written.
     const auto n = static_cast<std::size_t>(run.end - run.begin);
+    // Before neighbours are read: a page of the map that is read first is faulted in a second time to be written.
     std::fill_n(heights, n, static_cast<float>(base_height_m_));
     if (hull.empty()) return;
     distances2_.resize(n);
